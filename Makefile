@@ -18,6 +18,7 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,cluster]'
+	$(BIN)/cosim warm
 	touch $@
 
 # a first look: the quick version of the main experiment, its table and figures

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 MOST_NOTICES = 10
 """The most lines that a run says on stderr."""
+COMPILING = "compiling kernels, once: it may take half a minute (cosim warm compiles all beforehand)"
+"""What is said on a terminal before the first kernel is compiled."""
 _SEED = click.IntRange(0, 2**62)
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
@@ -109,7 +112,7 @@ def _told_of_compiling() -> Iterator[None]:
         return
     from cosim.jit import before_compiling
 
-    with before_compiling(lambda: print("compiling kernels, once: it may take half a minute", file=sys.stderr)):
+    with before_compiling(lambda: print(COMPILING, file=sys.stderr)):
         yield
 
 
@@ -521,6 +524,35 @@ def pin(
     if elsewhere and differing:
         click.echo(f"made with {elsewhere}: so what differs is no failure", err=True)
     return 1 if differing and not elsewhere else 0
+
+
+# ---------------------------------------------------------------- warm
+
+
+@commands.command("warm", short_help="Compile what runs commonly use.")
+@_JSON
+def warm(as_json: bool) -> None:
+    """Compile what runs commonly use, by short runs on all processors, so that no other run waits for it."""
+    from cosim.warm import short_runs
+    from cosim.warm import warm as make
+
+    began = perf_counter()
+    runs = short_runs()
+    finished = []
+    with _bar("short runs") as told:
+        for each in make(runs):
+            finished.append(each)
+            told(len(finished), len(runs))
+            if each.kernels and not as_json:
+                protocol, channel = each.run
+                click.echo(f"{each.kernels:4d} kernels in {each.wall_s:4.1f} s: {protocol}, {channel}")
+    kernels, wall_s = sum(each.kernels for each in finished), perf_counter() - began
+    if as_json:
+        click.echo(_json({"kernels": kernels, "wall_s": wall_s, "runs": [each.plain() for each in finished]}))
+        return
+    for protocol, why in {each.run.protocol: each.refused for each in finished if each.refused}.items():
+        click.echo(f"left out: {protocol}: {why}")
+    click.echo(f"{f'{kernels} kernels compiled' if kernels else 'nothing to compile'}: {wall_s:.1f} s")
 
 
 # ---------------------------------------------------------------- validate and list

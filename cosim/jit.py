@@ -23,7 +23,7 @@ from numba.core import compiler, event, serialize, sigutils, types
 
 from cosim.caches import begin, cache_folder, sources_digest
 
-__all__ = ["COMPILES", "before_compiling", "njit"]
+__all__ = ["COMPILES", "Count", "before_compiling", "counted_compilations", "njit"]
 
 if "scipy.linalg" not in sys.modules:
     # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and loads all of scipy.linalg for
@@ -148,4 +148,24 @@ class _Compiling(event.Listener):
 def before_compiling(tell: Callable[[], None]) -> AbstractContextManager[object]:
     """Return a context in which *tell* is called once, before the first kernel that the cache does not hold."""
     context: AbstractContextManager[object] = event.install_listener("numba:compile", _Compiling(tell))
+    return context
+
+
+class Count(event.Listener):
+    """Listener of numba's that counts the kernels that are compiled."""
+
+    def __init__(self) -> None:
+        self.kernels = 0
+
+    def on_start(self, _: object) -> None:
+        """Count a kernel."""
+        self.kernels += 1
+
+    def on_end(self, _: object) -> None:
+        """Do nothing: a kernel is counted once."""
+
+
+def counted_compilations() -> AbstractContextManager[Count]:
+    """Return a context that gives a count of the kernels compiled in it: those that the cache does not hold."""
+    context: AbstractContextManager[Count] = event.install_listener("numba:compile", Count())
     return context

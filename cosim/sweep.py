@@ -17,7 +17,7 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, perf_counter
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from cosim.errors import UserError
 from cosim.experiment import Arm, Experiment, find_function, named
@@ -40,6 +40,9 @@ from cosim.trace import Field
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Told (runs that are finished, runs in all)."""
+
+Asked = TypeVar("Asked")
+Made = TypeVar("Made")
 
 BATCH_S = 1.0
 """Runs shorter than this are written together, as soon as one finishes this long after the last writing."""
@@ -286,19 +289,25 @@ def _package(module: str) -> str:
 def _finished(todo: Sequence[Task], jobs: int | None, executor: Executor | None) -> Generator[Finished, None, None]:
     workers = min(jobs or os.cpu_count() or 1, len(todo))
     if executor is not None:
-        yield from _from(executor, [_anywhere(task) for task in todo])
+        yield from _from(executor, execute, [_anywhere(task) for task in todo])
     elif workers <= 1:
         yield from map(execute, todo)
     else:
-        yield from _from_processes(workers, todo)
+        yield from in_processes(workers, execute, todo)
 
 
-def _from_processes(workers: int, todo: Sequence[Task]) -> Generator[Finished, None, None]:
+def in_processes(workers: int, function: Callable[[Asked], Made], todo: Sequence[Asked]) -> Generator[Made, None, None]:
+    """Yield what *function* returns for each of *todo*, as it is finished by one of as many new processes as *workers*.
+
+    They end with the caller, and at once if it is interrupted. Raise ChildProcessError if one of them dies.
+    """
     strangers = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
     try:
-        yield from _from(pool, todo, cancel=False)  # that is left to the pool: it fails over futures others cancelled
+        yield from _from(
+            pool, function, todo, cancel=False
+        )  # that is left to the pool: it fails over futures others cancelled
     except BaseException:  # the runs under way would keep us waiting
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - strangers:
@@ -307,8 +316,10 @@ def _from_processes(workers: int, todo: Sequence[Task]) -> Generator[Finished, N
     pool.shutdown()
 
 
-def _from(executor: Executor, todo: Sequence[Task], cancel: bool = True) -> Generator[Finished, None, None]:
-    futures: list[Future[Finished]] = [executor.submit(execute, task) for task in todo]
+def _from(
+    executor: Executor, function: Callable[[Asked], Made], todo: Sequence[Asked], cancel: bool = True
+) -> Generator[Made, None, None]:
+    futures: list[Future[Made]] = [executor.submit(function, each) for each in todo]
     try:
         for future in as_completed(futures):
             yield future.result()

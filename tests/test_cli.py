@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
-from cosim.cli import main, nested_calls
+from cosim.cli import COMPILING, main, nested_calls
 from cosim.documents import read_yaml
 from cosim.jit import njit
 from cosim.protocol import Metric
@@ -448,7 +448,7 @@ def test_validate_prints_what_loads_to_the_same(cosim: Any, tmp_path: Path):
     assert read_yaml(tmp_path / "again.yaml")["team"]["starts"] == [[1.0, 1.0], [2.0, 1.0]]
 
 
-@pytest.mark.parametrize(("terminal", "told"), [(True, "compiling kernels, once: "), (False, "")])
+@pytest.mark.parametrize(("terminal", "told"), [(True, COMPILING), (False, "")])
 def test_compiling_is_told_on_a_terminal_only(cosim: Any, terminal: bool, told: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("cosim.simulation.Simulation", lambda *_: njit()(lambda: 1)())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)

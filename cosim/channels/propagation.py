@@ -76,11 +76,6 @@ class Losses(NamedTuple):
     barrier_units: Int64s
 
 
-_NO_WALLS: Final = np.zeros((0, 4)), np.zeros(0, np.int64)
-LOSSLESS: Final = Losses((0.0, 0.0, 0.0, 1.0), (0, 0), *_NO_WALLS, *_NO_WALLS)
-"""No losses at all."""
-
-
 class Propagation:
     """The gains between all robots of a run."""
 

@@ -14,7 +14,7 @@ import numpy as np
 import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int64s
 from cosim.channels.adhoc.state import REACHED, Records, new_records
-from cosim.channels.propagation import LOSSLESS, Losses, Propagation, gain_db
+from cosim.channels.propagation import Losses, Propagation, gain_db
 from cosim.jit import njit
 from cosim.machine import Address
 
@@ -70,7 +70,7 @@ class Reach:
         self._positions_m: Floats = np.zeros((size, 2))
         self._places: Places | None = None
         """None until they are needed after a move."""
-        self._losses = LOSSLESS if propagation is None else propagation.losses
+        self._losses = None if propagation is None else propagation.losses
         self._room = new_records(size, REACHED)
         self._hearers: dict[Address, tuple[Address, ...]] = {}
         """Who can receive frames of whom, as far as it was asked since the last change."""
@@ -136,9 +136,18 @@ class Reach:
 
 @njit(cache=True)
 def _write_row(
-    places: Places, losses: Losses, source: int, power_mw: float, limit_m: float, faintest_mw: float, rows: Records
+    places: Places,
+    losses: Losses | None,
+    source: int,
+    power_mw: float,
+    limit_m: float,
+    faintest_mw: float,
+    rows: Records,
 ) -> int:
-    """Write to *rows* who is on within *limit_m* of *source* and gets more than *faintest_mw*; return how many."""
+    """Write to *rows* who is on within *limit_m* of *source* and gets more than *faintest_mw*; return how many.
+
+    Without *losses* (their kernels are not compiled then) all get *power_mw*.
+    """
     if not places.on[source]:
         return 0
     _mark_near(places, source, limit_m)
@@ -151,11 +160,13 @@ def _write_row(
         bx, by = positions[other, 0], positions[other, 1]
         if other == source or not on[other] or math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay)) > limit_m:
             continue
-        if source < other:
-            gain = gain_db(losses, source, other, ax, ay, bx, by)
-        else:
-            gain = gain_db(losses, other, source, bx, by, ax, ay)
-        mw = power_mw * elementary.exp10(gain / 10.0)
+        mw = power_mw
+        if losses is not None:
+            if source < other:
+                gain = gain_db(losses, source, other, ax, ay, bx, by)
+            else:
+                gain = gain_db(losses, other, source, bx, by, ax, ay)
+            mw *= elementary.exp10(gain / 10.0)
         if mw > faintest_mw:
             rows[count].address, rows[count].mw = other, mw
             count += 1
