@@ -9,9 +9,10 @@ import pytest
 
 from benchmarks.peers import __main__ as comparison
 from benchmarks.peers import installation, waypoints
-from benchmarks.peers.__main__ import BEGIN, COLUMNS, END, README, Measured, ProgramError, Row, measured, row, written
+from benchmarks.peers.__main__ import BEGIN, COLUMNS, Measured, ProgramError, Row, measured, row
 from benchmarks.peers.installation import Peer
 from benchmarks.peers.pairs import COSIM, GRADYS, IRSIM, NS3, PAIRS, Pair, Program
+from benchmarks.tables import END, README, written
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 
 OURS, THEIRS = Program(COSIM, "ours", ("--nodes=2",)), Program(NS3, "theirs", ("--nodes=2",))
@@ -62,18 +63,18 @@ def test_a_program_that_is_missing_is_named_and_the_other_is_measured():
 
 def test_the_table_replaces_what_stands_between_its_markers_and_nothing_else():
     page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
-    once = written(page, ["One."], [Row(*"abcdef")])
+    once = written(page, BEGIN, ["One."], [COLUMNS, Row(*"abcdef")])
     assert once == (
         f"before\n{BEGIN}\nOne.\n\n| {' | '.join(COLUMNS)} |\n| --- | --- | --- | --- | --- | --- |\n"
         f"| a | b | c | d | e | f |\n{END}\nafter\n"
     )
-    assert written(once, ["One."], [Row(*"abcdef")]) == once
+    assert written(once, BEGIN, ["One."], [COLUMNS, Row(*"abcdef")]) == once
 
 
 @pytest.mark.parametrize(("page", "lacking"), [("nothing", BEGIN), (BEGIN, END)])
 def test_a_page_without_markers_is_not_written(page: str, lacking: str):
     with pytest.raises(ValueError, match=lacking):
-        written(page, [], [])
+        written(page, BEGIN, [], [COLUMNS])
 
 
 def test_the_page_has_a_table_of_all_pairs():

@@ -13,9 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import date
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
-from platform import python_version
 from resource import RUSAGE_CHILDREN, getrusage
 from statistics import median
 from typing import NamedTuple
@@ -23,12 +21,11 @@ from typing import NamedTuple
 from benchmarks.__main__ import told
 from benchmarks.peers.installation import Peer, command, install
 from benchmarks.peers.pairs import PAIRS, Pair, Program
-from cosim.jit import processor
+from benchmarks.tables import README, aligned, machine, versions, written
 
 ROUNDS = 7
 ROOT = Path(__file__).parents[2]
-README = ROOT / "benchmarks" / "README.md"
-BEGIN, END = "<!-- written by python -m benchmarks.peers --write -->", "<!-- to here -->"
+BEGIN = "<!-- written by python -m benchmarks.peers --write -->"
 
 
 class Measured(NamedTuple):
@@ -124,22 +121,10 @@ def _seconds(some: Sequence[Measured]) -> float:
 def conditions(rounds: int, peers: Mapping[str, Peer], load: float) -> Iterator[str]:
     """Return how the table came about, a sentence each; *load* is what else ran on the machine when it began."""
     yield f"{date.today()}, median of {rounds} rounds, seeds 1 to {rounds}."
-    yield f"{processor()}, {os.cpu_count()} processors, load average {load:.1f} before the first round."
-    ours = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba"))
+    yield f"{machine(load)} before the first round."
     theirs = "".join(f", {name} {peer.version}" for name, peer in peers.items() if not peer.missing)
-    yield f"Python {python_version()}, {ours}{theirs}."
+    yield f"{versions()}{theirs}."
     yield from (f"{name} is not here: {peer.missing}." for name, peer in peers.items() if peer.missing)
-
-
-def written(text: str, said: Sequence[str], rows: Sequence[Row]) -> str:
-    """Return the page *text* with what is *said* and a table of *rows* in place of what its markers enclose."""
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"{README.name} lacks the line {END if begin else BEGIN}")
-    table = [COLUMNS, Row(*("---" for _ in COLUMNS)), *rows]
-    lines = [BEGIN, *said, "", *(f"| {' | '.join(each)} |" for each in table), END]
-    return before + "\n".join(lines) + after
 
 
 def compare(pairs: Sequence[Pair], rounds: int, write: bool) -> bool:
@@ -158,11 +143,10 @@ def compare(pairs: Sequence[Pair], rounds: int, write: bool) -> bool:
     results = [round_of(pairs, missing, partial(measure, seed=seed)) for seed in range(1, rounds + 1)]
     said, rows = [*conditions(rounds, peers, load)], [row(pair, results, missing) for pair in pairs]
     print(*said, sep="\n")
-    widths = [max(map(len, column)) for column in zip(COLUMNS, *rows, strict=True)]
-    for each in (COLUMNS, *rows):
-        print("  ".join(cell.ljust(width) for cell, width in zip(each, widths, strict=True)).rstrip())
+    print(*aligned([COLUMNS, *rows]), sep="\n")
     if write:
-        README.write_text(written(README.read_text(encoding="utf-8"), said, rows), encoding="utf-8")
+        page = README.read_text(encoding="utf-8")
+        README.write_text(written(page, BEGIN, said, [COLUMNS, *rows]), encoding="utf-8")
     return len(missing) == absent
 
 

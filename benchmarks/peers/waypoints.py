@@ -170,6 +170,8 @@ class Load(NamedTuple):
     """Seconds that a robot rests where it has arrived."""
     tick: float = 0.1
     octets: int = 100
+    neglect: float = 0.0
+    """Decibels below the noise from which on signals are neglected, or 0: only those of at most -140 dBm are."""
 
 
 def scenario(load: Load) -> Scenario:
@@ -179,6 +181,8 @@ def scenario(load: Load) -> Scenario:
         channel = channel | {"routing": AODV | (ONE_HOP if load.to == "all" else {})}
     elif load.channel == "radio":
         octets += IP_UDP_OCTETS
+    if load.neglect:
+        channel = channel | {"neglect_db": load.neglect}
     parameters = {"octets": octets, "to_all": load.to == "all", "pause_s": load.pause}
     return Scenario.model_validate(
         {

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.arrays import Floats, Int32s
+from cosim.arrays import Floats, Int32s, Int64s
 from cosim.geometry.segments import SegmentGrid, cells_near, free_fraction, unpacked
 from cosim.jit import njit
 from cosim.robots.table import DX, DY, PART, RADIUS, ROOM, X, Y
@@ -25,6 +25,10 @@ AGAIN_WAYS: Final = 4.0
 """Room, in ways of a tick, below which walls are checked one by one, and ticks until room is looked for again."""
 BODY_SLACK_M: Final = 1e-9
 """Overlap that two bodies may seem to have that pass in touch."""
+CELL_SLACK: Final = 1e-6
+"""Share by which cells are wider than they need to be, more than rounding loses."""
+LEAST_SIDE_M: Final = 1e-3
+"""Least side of a cell, where all discs are points at rest."""
 
 
 @njit(cache=True)
@@ -45,9 +49,9 @@ def cut(table: Floats, wall_numbers: Floats, wall_members: Int32s) -> None:
                 table[PART, i], table[ROOM, i] = _free_of_walls(
                     grid, table[X, i], table[Y, i], dx, dy, table[RADIUS, i], way, table[ROOM, i]
                 )
-    count = _count_near(table)
-    if count:
-        _keep_apart(_near(table, count), table[X], table[Y], table[DX], table[DY], table[RADIUS], table[PART])
+    near = pairs_near(table)
+    if len(near):
+        _keep_apart(near, table[X], table[Y], table[DX], table[DY], table[RADIUS], table[PART])
 
 
 @njit(cache=True)
@@ -115,26 +119,62 @@ def _could_touch(table: Floats, i: int, j: int) -> bool:
 
 
 @njit(cache=True)
-def _count_near(table: Floats) -> int:
-    """Return how many pairs could touch with their full ways."""
-    count = 0
-    for i in range(table.shape[1]):
-        for j in range(i):
-            count += _could_touch(table, i, j)
-    return count
+def pairs_near(table: Floats) -> Int64s:
+    """Return the pairs i < j, shape (count, 2), rising, that could touch with their full ways."""
+    discs = table.shape[1]
+    found, count = np.empty((16, 2), np.int64), 0
+    low_x, low_y, side, nx, ny = _cells(table)
+    cell, first, member = _sorted_into_cells(table, low_x, low_y, side, nx, ny)
+    for i in range(discs):
+        begin, ix, iy = count, cell[i] % nx, cell[i] // nx
+        for row in range(max(iy - 1, 0), min(iy + 2, ny)):
+            for slot in range(first[row * nx + max(ix - 1, 0)], first[row * nx + min(ix + 2, nx)]):
+                j = member[slot]
+                if j <= i or not _could_touch(table, i, j):
+                    continue
+                if count == len(found):
+                    found = np.concatenate((found, np.empty_like(found)))
+                at = count
+                while at > begin and found[at - 1, 1] > j:
+                    found[at, 0], found[at, 1] = i, found[at - 1, 1]
+                    at -= 1
+                found[at, 0], found[at, 1] = i, j
+                count += 1
+    return found[:count]
 
 
 @njit(cache=True)
-def _near(table: Floats, count: int) -> Any:
-    """Return the pairs i < j, shape (count, 2), that could touch with their full ways."""
-    found = np.empty((count, 2), np.int64)
-    row = 0
+def _cells(table: Floats) -> tuple[float, float, float, int, int]:
+    """Return the lower corner, the side and the numbers of square cells of which only next ones hold who could touch.
+
+    There are about as many as discs, or fewer.
+    """
+    low_x, low_y, high_x, high_y, reach = math.inf, math.inf, -math.inf, -math.inf, 0.0
     for i in range(table.shape[1]):
-        for j in range(i + 1, table.shape[1]):
-            if _could_touch(table, i, j):
-                found[row, 0], found[row, 1] = i, j
-                row += 1
-    return found
+        low_x, high_x = min(low_x, table[X, i]), max(high_x, table[X, i])
+        low_y, high_y = min(low_y, table[Y, i]), max(high_y, table[Y, i])
+        reach = max(reach, table[RADIUS, i] + abs(table[DX, i]) + abs(table[DY, i]))
+    width, height = max(high_x - low_x, 0.0), max(high_y - low_y, 0.0)
+    side = max(2.0 * reach * (1.0 + CELL_SLACK), max(width, height) / math.sqrt(table.shape[1] + 1.0), LEAST_SIDE_M)
+    return low_x, low_y, side, int(width / side) + 1, int(height / side) + 1
+
+
+@njit(cache=True)
+def _sorted_into_cells(
+    table: Floats, low_x: float, low_y: float, side: float, nx: int, ny: int
+) -> tuple[Int64s, Int64s, Int64s]:
+    """Return the cell c = iy * nx + ix of each disc, and what is in each: ``member[first[c]:first[c + 1]]``."""
+    discs = table.shape[1]
+    cell, first, member = np.empty(discs, np.int64), np.zeros(nx * ny + 1, np.int64), np.empty(discs, np.int64)
+    for i in range(discs):
+        cell[i] = int((table[Y, i] - low_y) / side) * nx + int((table[X, i] - low_x) / side)
+        first[cell[i]] += 1
+    for c in range(1, nx * ny + 1):  # where each cell ends: it is filled from there
+        first[c] += first[c - 1]
+    for i in range(discs):
+        first[cell[i]] -= 1
+        member[first[cell[i]]] = i
+    return cell, first, member
 
 
 @njit(cache=True)

@@ -37,6 +37,9 @@ from cosim.units import Time
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
 
+_COLUMNS: Final = ("what", "station", "packet", "source", "right", "mw", "number")
+"""Fields of reports of which hosts hear."""
+
 
 class Rules(NamedTuple):
     """What all stations of a network have in common."""
@@ -240,27 +243,28 @@ class Stations:
         count = int(self._common["told"])
         if not count:
             return False
-        told = self._network.told[:count].copy()
+        # all is read first: hosts may send again, and a new packet may get the number of one that is done
+        told = self._network.told[:count]
+        whats, stations, numbers, sources, right, mw, data_numbers = (told[name].tolist() for name in _COLUMNS)
+        notes = told.tolist() if self._common["noted"] else ()
         self._common["told"], self._common["urgent"] = 0, False
-        whats, stations, numbers = (told[name].tolist() for name in ("what", "station", "packet"))
-        # hosts may send again, and a new packet may get the number of one that is done
         packets = [self._packets.get(number) for number in numbers]
         at = 0
         while at < count:
             packet, begin = packets[at], at
             at += 1
             if whats[begin] not in (RECEIVED, DONE):
-                self._host.noted(Report(*told[begin].item()), packet)
+                self._host.noted(Report(*notes[begin]), packet)
                 continue
             assert packet is not None
             if whats[begin] == DONE:
-                self._host.done(stations[begin], packet, bool(told["right"][begin]))
+                self._host.done(stations[begin], packet, right[begin])
                 continue
             while at < count and whats[at] == RECEIVED and numbers[at] == numbers[begin]:  # one frame
                 at += 1
-            source = int(told["source"][begin])
-            if packet.destination == BROADCAST or self._is_new(stations[begin], source, int(told["number"][begin])):
-                self._host.received(stations[begin:at], source, packet, told["mw"][begin:at].tolist())
+            source = sources[begin]
+            if packet.destination == BROADCAST or self._is_new(stations[begin], source, data_numbers[begin]):
+                self._host.received(stations[begin:at], source, packet, mw[begin:at])
         return True
 
     def _is_new(self, address: Address, source: Address, number: int) -> bool:
