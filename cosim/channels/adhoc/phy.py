@@ -162,7 +162,7 @@ PROFILES: Final[dict[str, Phy]] = {phy.name: phy for phy in (FHSS, DSSS, DSSS_SH
 
 NOISE_FIGURE_DB: Final = 7.0
 """Noise figure of a usual receiver, as in ns-3."""
-_NOISE_DBM_PER_HZ: Final = -173.97518705905236
+_NOISE_DBM_PER_HZ: Final = -173.9751871942281
 """Thermal noise at 290 K."""
 
 
