@@ -13,7 +13,7 @@ A scenario is a run for each seed; an experiment with a scenario is a run for ea
     rows      a table, or a type of event    12      3   hash of these rows of that simulated second
 
 The rows of the file that name no scenario tell with which NumPy, numba, scipy and shapely it was made, and on what kind
-of machine. With these a run is the same on every supported Python, C library and processor of that kind: what decides
+of machine. With these a run is the same on every supported Python and processor of that kind: what decides
 anything is + - * / and sqrt in a stated order (:mod:`cosim.elementary`). With others the last bits may differ.
 """
 

@@ -400,7 +400,7 @@ def test_who_is_near_is_known_at_every_step_of_a_way_between_pictures(seed):
         here = np.clip(here, 0.0, 20.0)
         x, y = here.tolist()
         expected = [each for each in seen if (each.x_m - x) ** 2 + (each.y_m - y) ** 2 < 2.25]
-        assert near.look(Observation(x, y, 0.0, 1.0, False, False, (), seen)) == expected
+        assert near.look(Observation(x, y, 0.0, 1.0, False, False, Seen((), seen))) == expected
         met += len(expected)
     assert met > 40
 
