@@ -10,6 +10,7 @@ compile them anew for each error would take longer than the tests.
 """
 
 import ast
+import os
 import random
 import subprocess
 import sys
@@ -110,7 +111,7 @@ def _replacements(node: ast.AST) -> Iterator[str]:
             yield str(not value)
         case ast.Constant(value=int(value)):
             yield str(value + 1)
-        case ast.If(test=test):
+        case ast.If():
             for known in ("True", "False"):
                 yield _unparsed(_changed(node, test=ast.Name(known)), node.col_offset)
         case ast.Assign(targets=[target]) if not _names(target):
@@ -137,13 +138,20 @@ def _unparsed(node: ast.AST, indentation: int) -> str:
 # ---------------------------------------------------------------- what tests say of a mutant
 
 
+SHARE = 0.2
+"""Part of the soak's cases that try to find a mutant."""
+
+
 def is_found(mutant: Mutant, package: str, tests: Sequence[str], folder: Path, limit_s: float) -> bool:
     """Return whether one of *tests* fails with *mutant*, a module of *package*, or does not end within *limit_s*."""
     file = folder / f"{mutant.module}.py"
     file.write_text(mutant.source, encoding="utf-8")
     command = [sys.executable, "-m", "tests.mutants", f"{package}.{mutant.module}", str(file), *tests]
+    wished = {**os.environ, "SOAK_SHARE": str(SHARE)}
     try:
-        ended = subprocess.run(command, cwd=ROOT, timeout=limit_s, capture_output=True, text=True, check=False)
+        ended = subprocess.run(
+            command, cwd=ROOT, env=wished, timeout=limit_s, capture_output=True, text=True, check=False
+        )
     except subprocess.TimeoutExpired:
         return True
     assert ended.returncode in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED), ended.stdout + ended.stderr

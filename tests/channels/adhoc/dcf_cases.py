@@ -134,15 +134,26 @@ class Network:
 
     def run(self) -> Told:
         self._kernel.run(self._case.until)
-        network = self._stations._network
+        network, under_way = self._stations._network, 0
         for first in ("first_begun", "first_there"):  # frames that have not ended yet
             number = network.common[0][first]
             while number != NONE:
+                under_way += 1
                 frame = network.frames[number]
                 self._add(*(int(frame[name]) for name in ("begin", "source", "destination", "kind")), frame["form"][0])
                 number = frame["next"]
+        assert network.common[0]["frames_under_way"] == under_way
+        assert self._packets_held() == sum(packet["users"] > 0 for packet in network.packets)
         self.told.frames.sort()
         return self.told
+
+    def _packets_held(self) -> int:
+        """Return how many packets are not free."""
+        network = self._stations._network
+        held, number = len(network.packets), network.common[0]["free_packet"]
+        while number != NONE:
+            held, number = held - 1, network.packets[number]["next"]
+        return held
 
     def write_row(self, source: Address, rows: Records) -> int:
         addresses = [other for other, hears in enumerate(self._case.hears[source]) if hears and other != source]

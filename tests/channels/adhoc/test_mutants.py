@@ -1,42 +1,48 @@
-"""Errors in the kernels of the ad hoc radio are found by the oracle and the tests of its laws."""
+"""Errors in the kernels of the ad hoc radio are planted as they are meant to be, and found."""
 
-from collections.abc import Callable
+import ast
 from pathlib import Path
 
 import pytest
 
+from tests.channels.adhoc.kernel_mutants import FIRST, PACKAGE, drawn
 from tests.checkout import ROOT
-from tests.mutants import drawn_mutants, is_found
-from tests.tiers import soak_count
+from tests.mutants import is_found, mutants
 
-PACKAGE = "cosim.channels.adhoc"
-FOLDER = ROOT.joinpath(*PACKAGE.split("."))
-KERNELS = ("advance", "agenda", "air", "dcf", "errors", "reception")
-TESTS = (
-    "test_dcf_equals_oracle.py",
-    "test_phy_errors.py",
-    "test_channel.py",
-    "test_reception.py",
-    "test_jamming_adhoc.py",
-)
-LIMIT_S = 900.0
-HARMLESS: dict[str, str] = {}
-"""Mutants of the present kernels that change nothing that can be seen, and why."""
+SOURCE = '''
+@njit(cache=True)
+def least(a: int, b: int) -> int:
+    """Return the lesser."""
+    if a < b and not b == 0:
+        return a
+    return min(a, b + 1)
 
 
-@pytest.mark.soak
-def test_drawn_errors_in_the_kernels_are_found(
-    tmp_path: Path, record_property: Callable[[str, object], None]
-) -> None:
-    count = soak_count(60)
-    sources = {name: (FOLDER / f"{name}.py").read_text(encoding="utf-8") for name in KERNELS}
-    tests = [*(f"tests/channels/adhoc/{name}" for name in TESTS), "-m", "not soak"]
-    missed = []
-    for mutant in drawn_mutants(sources, count, seed=1):
-        if not is_found(mutant, PACKAGE, tests, tmp_path, LIMIT_S):
-            missed.append(str(mutant))
-            print(f"missed {mutant}")
-    record_property("drawn errors in kernels", count)
-    unexplained = [each for each in missed if each not in HARMLESS]
-    assert not unexplained
-    assert len(missed) <= 0.05 * count + 1
+def plain(a: int) -> int:
+    """Return more."""
+    return a + 1
+'''
+
+
+def test_each_place_of_a_kernel_is_changed_once_a_way_and_nothing_else_is() -> None:
+    found = {(mutant.line, mutant.after) for mutant in mutants("least", SOURCE)}
+    assert {after for line, after in found if line == 5} >= {"(a <= b)", "(b == 0)", "(b != 0)", "1"}
+    assert "(a < b or not b == 0)" in {after for line, after in found if line == 5}
+    assert {after for line, after in found if line == 7} == {"max(a, b + 1)", "(b - 1)", "2"}
+    assert max(line for line, _ in found) == 7
+
+
+def test_drawn_errors_are_sources_and_all_different() -> None:
+    errors = drawn(200, 7)
+    assert len({error.source for error in errors}) == 200
+    for error in errors:
+        ast.parse(error.source)
+
+
+@pytest.mark.slow
+def test_a_planted_error_is_found_and_the_kernels_as_they_are_pass(tmp_path: Path) -> None:
+    quick = (FIRST[0], *FIRST[-2:])
+    source = ROOT.joinpath("cosim/channels/adhoc/dcf.py").read_text(encoding="utf-8")
+    error = next(each for each in mutants("dcf", source) if each.before == "packet.short += 1" and each.after == "pass")
+    assert is_found(error, PACKAGE, quick, tmp_path, 300.0)
+    assert not is_found(error._replace(source=source), PACKAGE, quick, tmp_path, 300.0)
