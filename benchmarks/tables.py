@@ -4,9 +4,10 @@ import os
 from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from platform import machine as architecture
 from platform import python_version
 
-from cosim.jit import processor
+from llvmlite.binding import get_host_cpu_name
 
 README = Path(__file__).parent / "README.md"
 END = "<!-- to here -->"
@@ -14,7 +15,7 @@ END = "<!-- to here -->"
 
 def machine(load: float) -> str:
     """Return the beginning of a sentence on this machine; *load* is what else ran on it when the measuring began."""
-    return f"{processor()}, {os.cpu_count()} processors, load average {load:.1f}"
+    return f"{architecture()} {get_host_cpu_name()}, {os.cpu_count()} processors, load average {load:.1f}"
 
 
 def versions() -> str:
