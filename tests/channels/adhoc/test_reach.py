@@ -12,6 +12,7 @@ from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.adhoc.state import REACHED, new_records
 from cosim.channels.propagation import Barrier, Propagation, PropagationSettings
+from cosim.elementary import exp10
 from cosim.geometry.segments import segment_grid
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Outgoing
@@ -51,7 +52,7 @@ def test_a_row_is_that_of_the_matrix_of_gains_where_it_is_above_the_faintest(set
         reach.changed()
         gains_db = propagation.gains_db(positions)
         for source in range(60):
-            powers = [sent_mw[source] * math.pow(10.0, gain / 10.0) for gain in gains_db[source].tolist()]
+            powers = [sent_mw[source] * exp10(gain / 10.0) for gain in gains_db[source].tolist()]
             expected = [other for other in range(60) if powers[other] > faintest_mw and 7 not in (source, other)]
             assert row(reach, source, 60) == (expected, [powers[other] for other in expected])
 
