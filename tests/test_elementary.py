@@ -145,7 +145,7 @@ def called_in(code: str) -> set[str]:
 @pytest.mark.skipif(not COMPILES, reason="kernels are not compiled here")
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_kernels_fuse_nothing_and_call_no_other_library(name: str) -> None:
-    function = getattr(elementary, name)
+    function = numba.njit(getattr(elementary, name).py_func)  # what a cache holds cannot be inspected
     function(*FUNCTIONS[name][1](random.Random(1)))
     (code,) = function.inspect_asm().values()
     assert "mulsd" in code or "mulpd" in code

@@ -73,7 +73,7 @@ def other_pythons() -> list[str]:
     return [name for name in os.environ.get("COSIM_PYTHONS", "").split(os.pathsep) if name and Path(name).exists()]
 
 
-SHARES = [49, pytest.param(1, marks=pytest.mark.soak)]
+SHARES = [97, pytest.param(1, marks=pytest.mark.soak)]
 """Of how many pins one is run: a few in CI, all in the soak."""
 
 

@@ -25,10 +25,10 @@ BAND_FAULTS = [
         "the filter weakens 1 MHz too much",
         "band",
         "medium",
-        "WEIGHTS: Final = (1.0, 10.0**-1.1,",
-        "WEIGHTS: Final = (1.0, 10.0**-1.2,",
+        "WEIGHTS: Final = (1.0, 0.07943282347242814,",
+        "WEIGHTS: Final = (1.0, 0.06309573444801933,",
     ),
-    Fault("the filter weakens 2 MHz too little", "band", "medium", "10.0**-4.1,", "10.0**-3.9,"),
+    Fault("the filter weakens 2 MHz too little", "band", "medium", "7.943282347242822e-05,", "0.00012589254117941672,"),
     Fault("3 MHz away is as near as 2", "band", "medium", "min(abs(apart), 3)", "min(abs(apart), 2)"),
     Fault(
         "an equal neighbour destroys",

@@ -161,7 +161,7 @@ def test_installed_pages_are_commands_and_a_broken_one_hides_no_other(own: Path,
     lines = [" ".join(line.split()) for line in ended.out.splitlines()]
     commands = [line for line in lines[lines.index("Commands:") + 1 :] if line]
     assert {"talk Talk to robots.", "playbook Call plays of a run from a page."} <= {*commands}
-    names = ["list", "lost", "odd", "pin", "playbook", "report", "run", "sweep", "talk", "validate", "view"]
+    names = ["list", "lost", "odd", "pin", "playbook", "report", "run", "sweep", "talk", "validate", "view", "warm"]
     assert [command.split()[0] for command in commands] == names
     assert "Run SCENARIO and talk." in cosim("talk", "--help").out
     assert cosim("lost", "--seed", "3") == (2, "", "lost: No module named 'nowhere'\n")
