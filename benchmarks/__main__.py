@@ -15,6 +15,7 @@ from typing import NamedTuple
 import simpy
 
 from benchmarks import aggregation, exploration, reflection, start, workloads
+from benchmarks.peers import arena
 
 ROUNDS = 7
 TIMEOUTS = 200_000
@@ -51,18 +52,25 @@ def bare_timeouts(seed: int) -> workloads.Work:
     return work
 
 
+OVER_ADHOC = ("run", "four.yaml", "--set", "channel.kind=adhoc")
 FIGURES = (
     Figure("bare SimPy timeout (the unit)", bare_timeouts),
     Figure("cosim --help, the whole process", seconds=start.command("--help"), bound_s=0.2),
     Figure("cosim validate four.yaml", seconds=start.command("validate", "four.yaml"), bound_s=1.0),
     Figure("cosim run four.yaml, kernels compiled", seconds=start.command("run", "four.yaml"), bound_s=1.7),
+    Figure("first cosim run four.yaml", seconds=start.command("run", "four.yaml", first=True), bound_s=14.0),
+    Figure("the same over 802.11", seconds=start.command(*OVER_ADHOC, first=True), bound_s=14.0),
     Figure("robot-tick: 8 robots that drive among the walls of the storey", workloads.robot_ticks),
-    Figure("idle hour of a connected piconet whose 8 robots drive, T_poll 40 slots, in all", workloads.idle_hours),
-    Figure("the same where signals fade with distance and walls, from a minute of it", workloads.idle_fading_hours),
+    Figure(
+        "idle hour of a connected piconet whose 8 robots drive, T_poll 40 slots, in all",
+        workloads.idle_hours,
+        bound=90e3,
+    ),
+    Figure("the same where signals fade, from a minute of it", workloads.idle_fading_hours, bound=1.2e6),
     Figure("delivered frame of the exchange of 17-byte states, run and machines included", workloads.exchanged_states),
-    Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries),
+    Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries, bound=1200),
     Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),
-    Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages),
+    Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages, bound=40),
     *(
         Figure(f"robot-step of goal reflection, teams of 1 to 4: {algorithm}", reflection.robot_steps(algorithm))
         for algorithm in ("potential_field", "avoid_past", "visbug")
@@ -73,7 +81,9 @@ FIGURES = (
         for work in (aggregation.searches(strategy, 600),)
     ),
     Figure("search with 9 robots to its end: mi", aggregation.searches("mi")),
-    Figure("search with 100 robots in 20 sub-teams, a minute", aggregation.crowds),
+    Figure("search with 100 robots in 20 sub-teams, a minute", aggregation.crowds, bound=2.5e6),
+    Figure("set-up of a thousand robots in an arena", seconds=arena.set_up, bound_s=0.5),
+    Figure("set-up of explorers on 150 m x 150 m, and its truth", seconds=exploration.large_floor, bound_s=3.0),
     Figure("scan of 360 beams marked into the map of an explorer", exploration.marked_scans, bound=40),
     Figure("step of an explorer by motor schemas, beyond marking", seconds=exploration.schema_steps, bound=20),
     Figure("tick of an explorer by motor schemas, marking and planning included", exploration.explorer_steps),
