@@ -69,8 +69,9 @@ def printed(python: str, environment: dict[str, str], code: str, *words: str) ->
 
 
 def other_pythons() -> list[str]:
-    """Return interpreters that COSIM_PYTHONS names, with the project's requirements installed."""
-    return [name for name in os.environ.get("COSIM_PYTHONS", "").split(os.pathsep) if name and Path(name).exists()]
+    """Return interpreters with the project's requirements: those that COSIM_PYTHONS names, or those of make pythons."""
+    named = [Path(name) for name in os.environ.get("COSIM_PYTHONS", "").split(os.pathsep) if name]
+    return [str(python) for python in named or sorted(ROOT.glob(".venv-*/bin/python")) if python.exists()]
 
 
 SHARES = [97, pytest.param(1, marks=pytest.mark.soak)]
@@ -92,7 +93,7 @@ def test_runs_are_the_same_without_what_this_processor_can_do(switch: str, share
 def test_runs_are_the_same_on_each_python(share: int) -> None:
     others = other_pythons()
     if not others:
-        pytest.skip("COSIM_PYTHONS names no other Python")
+        pytest.skip("make pythons has set up no other Python, and COSIM_PYTHONS names none")
     sums = {printed(python, {}, PLANTED, "python") for python in (sys.executable, *others)}
     for python in others:
         assert printed(python, {}, CHECK, "tests/pins.csv", str(share)) == "", python
