@@ -29,7 +29,7 @@ CHANNELS: Final[Mapping[str, Mapping[str, Any]]] = {
 TEAM: Final = {
     "duration_s": 20,  # until robots have found each other over Bluetooth, and have something to say
     "floorplan": {"map": "office"},
-    "team": {"size": 4, "senses": {"beams": 20, "beam_range_m": 8}},
+    "team": {"size": 4, "senses": {"beams": 20, "beam_range_m": 4}},
 }
 """What the scenarios of all short runs have in common."""
 
