@@ -1,0 +1,71 @@
+"""The stations' kernel stops before an event that may bring more than there is room for, and before no other."""
+
+import numpy as np
+import pytest
+
+from cosim.channels.adhoc.advance import FULL, IDLE, advance
+from cosim.channels.adhoc.dcf import queue
+from cosim.channels.adhoc.mac import Access, Form, Timing
+from cosim.channels.adhoc.state import NONE, Network, new_network
+from cosim.machine import BROADCAST
+from cosim.units import US
+
+SIZE = 3
+EACH = 2
+"""What an event may bring for each station: an event of its own, and one of its back-off; or two reports."""
+MORE = 4
+"""What it may bring beside these, and beside the end of each frame that is under way."""
+LATER = 2
+"""Frames under way in the cases."""
+
+
+def waiting() -> Network:
+    """Return a network whose only event is a station's that begins to contend."""
+    form = Form(100 * US)
+    timing = Timing(
+        20 * US,
+        10 * US,
+        50 * US,
+        60 * US,
+        15 * US,
+        US,
+        40 * US,
+        form,
+        form,
+        form,
+        lambda octets: form,
+        lambda octets: form,
+    )
+    network = new_network(SIZE, timing, Access(), None, (1, 2), np.empty(0), 0)
+    assert queue(network, 0, BROADCAST, form, False, False, 0) != NONE
+    return network
+
+
+def ended(network: Network) -> int:
+    """Return why the kernel ends in the instant of the station's event."""
+    return advance(network, US, 0)[0]
+
+
+@pytest.mark.parametrize("under_way", [0, LATER])
+def test_of_events(under_way: int) -> None:
+    enough = 1 + EACH * SIZE + under_way + MORE
+    for room, why in ((enough - 1, FULL), (enough, IDLE)):
+        network = waiting()
+        network.common["frames_under_way"] = under_way
+        assert ended(network._replace(agenda=network.agenda[:room])) == why
+
+
+@pytest.mark.parametrize("untold", [0, 5])
+def test_of_reports(untold: int) -> None:
+    enough = untold + EACH * SIZE + MORE
+    for room, why in ((enough - 1, FULL), (enough, IDLE)):
+        network = waiting()
+        network.common["told"] = untold
+        assert ended(network._replace(told=network.told[:room])) == why
+
+
+def test_of_frames() -> None:
+    network = waiting()
+    network.common["free_frame"] = NONE
+    assert ended(network) == FULL
+    assert ended(waiting()) == IDLE
