@@ -7,11 +7,12 @@ stations have one instant and phase, that goes first which was in the kernel's q
 together.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
+from cosim.arrays import Int64s
 from cosim.channels.adhoc.advance import FULL, ROWLESS, TOLD, advance, jam_all
 from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
@@ -19,16 +20,20 @@ from cosim.channels.adhoc.errors import tables
 from cosim.channels.adhoc.mac import Access, Form, Limits, Packet, Timing
 from cosim.channels.adhoc.state import (
     DONE,
+    FORM,
     NEVER,
     NONE,
     RECEIVED,
+    Network,
     Records,
     Report,
     doubled,
     new_network,
+    new_records,
     with_frames,
     with_packets,
 )
+from cosim.jit import njit
 from cosim.kernel import Handle, Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -39,6 +44,10 @@ ROWS: Final = 256
 
 _COLUMNS: Final = ("what", "station", "packet", "source", "right", "mw", "number")
 """Fields of reports of which hosts hear."""
+_OFFER: Final = np.dtype(
+    [(name, np.int64) for name in ("address", "destination", "form", "asks", "awaited", "now")], align=True
+)
+"""What ``queue`` is to do; its form by number."""
 
 
 class Rules(NamedTuple):
@@ -74,10 +83,17 @@ class Stations:
         self._kernel = kernel
         self._host = host
         cck = tables(() if limits is None else _rates(self._timing))
-        self._network = new_network(size, *rules, draws.key, cck, kernel.now)
-        self._common = self._network.common[0]
+        network = new_network(size, *rules, draws.key, cck, kernel.now)
+        self._common = network.common[0]
         self._common["noted"] = noted
-        self._forms: dict[tuple[bool, int], Form] = {}
+        names = "events", "told", "urgent", "frames_under_way"
+        self._events, self._told, self._urgent, self._under_way = (_field(network.common, name) for name in names)
+        self._until = np.zeros(2, np.int64)
+        self._until_time_phase = memoryview(self._until)
+        self._offer = new_records(1, _OFFER)
+        self._forms = new_records(16, FORM)
+        self._form_numbers: dict[tuple[bool, int], int] = {}
+        self._use(network)
         self._packets: dict[int, Packet] = {}
         self._heard: list[dict[Address, int]] = [{} for _ in range(size)]
         """Last sequence number of each sender, by receiver."""
@@ -88,22 +104,36 @@ class Stations:
         self._stirred = False
         """Something has been put on the agenda since the pump has begun."""
 
+    def _use(self, network: Network) -> None:
+        """Take *network*, whose arrays are new."""
+        self._network = network
+        self._advancing, self._queueing = _advancing(network, self._until), _queueing(network, self._forms, self._offer)
+        self._times, self._ranks = _field(network.agenda, "time"), _field(network.agenda, "rank")
+        self._columns = [_field(network.told, name) for name in _COLUMNS]
+
     # ------------------------------------------------------------ what goes in
 
     def send(self, address: Address, packet: Packet, awaited: bool = True) -> None:
         """Queue *packet* at a station; the host hears when it is off the queue if that is *awaited*."""
-        to_all, octets = packet.destination == BROADCAST, len(packet.payload)
-        form = self._forms.get((to_all, octets))
+        destination, octets = packet.destination, len(packet.payload)
+        form = self._form_numbers.get((destination == BROADCAST, octets))
         if form is None:
-            form = (self._timing.broadcast if to_all else self._timing.unicast)(octets)
-            self._forms[to_all, octets] = form
-        asks, now = self._access.asks(packet), self._kernel.now
-        number = queue(self._network, address, packet.destination, form, asks, awaited, now)
+            form = self._new_form(destination == BROADCAST, octets)
+        self._offer[0] = address, destination, form, self._access.asks(packet), awaited, self._kernel.now
+        number = next(self._queueing)
         if number == NONE:
             self._make_room()
-            number = queue(self._network, address, packet.destination, form, asks, awaited, now)
+            number = next(self._queueing)
         self._packets[number] = packet
         self._arm()
+
+    def _new_form(self, to_all: bool, octets: int) -> int:
+        number = self._form_numbers[to_all, octets] = len(self._form_numbers)
+        if number == len(self._forms):
+            self._forms = doubled(self._forms)
+            self._use(self._network)
+        self._forms[number] = (self._timing.broadcast if to_all else self._timing.unicast)(octets)
+        return number
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
@@ -156,9 +186,8 @@ class Stations:
         """Have the kernel call back at the next event."""
         if self._pumping:
             self._stirred = True
-        elif self._common["events"]:
-            first = self._network.agenda[0]
-            self._call_back((int(first["time"]), int(first["rank"]) >> ORDER_BITS))
+        elif self._events[0]:
+            self._call_back((self._times[0], self._ranks[0] >> ORDER_BITS))
 
     def _call_back(self, due: tuple[Time, int]) -> None:
         handle = self._handle
@@ -195,8 +224,9 @@ class Stations:
 
     def _advance(self, until: tuple[Time, int]) -> tuple[bool, tuple[Time, int]]:
         """Run ahead; return whether something has come out for hosts, and when: or else when the next event is."""
+        self._until_time_phase[0], self._until_time_phase[1] = until
         while True:
-            why, time, phase = advance(self._network, *until)
+            why, time, phase = next(self._advancing)
             if why == ROWLESS:
                 self._add_row(int(self._common["rowless"]))
             elif why == FULL:
@@ -214,10 +244,10 @@ class Stations:
 
     def _add_row(self, source: Address) -> None:
         size, station = len(self._network.stations), self._network.stations[source]
-        if self._rows > ROWS and self._rows > self._common["frames_under_way"]:
+        if self._rows > ROWS and self._rows > self._under_way[0]:
             self.moved()
         while self._rows_used + size > len(self._network.rows):
-            self._network = self._network._replace(rows=doubled(self._network.rows))
+            self._use(self._network._replace(rows=doubled(self._network.rows)))
         begin = self._rows_used
         self._rows_used = begin + self._host.write_row(source, self._network.rows[begin:])
         self._rows += 1
@@ -225,29 +255,28 @@ class Stations:
 
     def _make_room(self) -> None:
         """Make room for another packet, and for what the next event may bring."""
-        if self._common["told"] and not self._common["urgent"]:
+        if self._told[0] and not self._urgent[0]:
             self._tell()
         network, size = self._network, len(self._network.stations)
         if self._common["free_frame"] == NONE:
             network = with_frames(network, len(network.frames))
         if self._common["free_packet"] == NONE:
             network = with_packets(network, len(network.packets))
-        while self._common["told"] + 2 * size + 4 > len(network.told):
+        while self._told[0] + 2 * size + 4 > len(network.told):
             network = network._replace(told=doubled(network.told))
-        while self._common["events"] + 2 * size + self._common["frames_under_way"] + 4 > len(network.agenda):
+        while self._events[0] + 2 * size + self._under_way[0] + 4 > len(network.agenda):
             network = network._replace(agenda=doubled(network.agenda))
-        self._network = network
+        self._use(network)
 
     def _tell(self) -> bool:
         """Tell the host what has come out; return whether anything has."""
-        count = int(self._common["told"])
+        count = self._told[0]
         if not count:
             return False
         # all is read first: hosts may send again, and a new packet may get the number of one that is done
-        told = self._network.told[:count]
-        whats, stations, numbers, sources, right, mw, data_numbers = (told[name].tolist() for name in _COLUMNS)
-        notes = told.tolist() if self._common["noted"] else ()
-        self._common["told"], self._common["urgent"] = 0, False
+        whats, stations, numbers, sources, right, mw, data_numbers = [each[:count].tolist() for each in self._columns]
+        notes = self._network.told[:count].tolist() if self._common["noted"] else ()
+        self._told[0], self._urgent[0] = 0, False
         packets = [self._packets.get(number) for number in numbers]
         at = 0
         while at < count:
@@ -279,3 +308,30 @@ def _rates(timing: Timing) -> set[int]:
     """Return the rates of all frames."""
     forms = (timing.ack, timing.rts, timing.cts, timing.unicast(0), timing.broadcast(0))
     return {rate for form in forms for rate in (form.rate_kbps, form.header_kbps)}
+
+
+def _field(records: Records, name: str) -> memoryview:
+    """Return a field of *records*, as Python reads and writes it fastest."""
+    return memoryview(records[name])
+
+
+# ---------------------------------------------------------------- kernels
+#
+# A network is nine arrays, and each call of a kernel takes them over from Python anew: that costs more than most events
+# do. These two take them once, and then do their work whenever they are asked for the next result.
+
+
+@njit(cache=True)
+def _advancing(network: Network, until: Int64s) -> Iterator[tuple[int, Time, int]]:
+    """Yield what ``advance`` returns when it goes up to the instant and phase that *until*, (2,), holds."""
+    while True:
+        yield advance(network, until[0], until[1])
+
+
+@njit(cache=True)
+def _queueing(network: Network, forms: Records, offer: Records) -> Iterator[int]:
+    """Yield what ``queue`` returns for the packet of which *offer*, (1,), tells, its form by number."""
+    while True:
+        packet = offer[0]  # not outside of the loop: what is kept from one result to the next is a copy
+        form, asks, awaited = forms[packet.form], packet.asks != 0, packet.awaited != 0
+        yield queue(network, packet.address, packet.destination, form, asks, awaited, packet.now)
