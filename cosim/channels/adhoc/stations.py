@@ -17,7 +17,8 @@ from cosim.channels.adhoc.advance import FULL, ROWLESS, TOLD, advance, jam_all
 from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
-from cosim.channels.adhoc.mac import Access, Form, Limits, Packet, Timing
+from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
+from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
     FORM,
@@ -62,8 +63,11 @@ class Rules(NamedTuple):
 class Host(Protocol):
     """The other side of all stations."""
 
-    def write_row(self, source: Address, rows: Records) -> int:
-        """Write to the first of *rows* whom a frame reaches that begins to arrive now, rising; return how many."""
+    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
+        """Write whom frames of *first* to *last* reach that begin to arrive now; return where the row of each ends.
+
+        Row after row, each rising.
+        """
 
     def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
         """Take the DATA of *source* for all *receivers*, and with which power it has arrived at each; only once."""
@@ -86,8 +90,10 @@ class Stations:
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
         self._common["noted"] = noted
-        names = "events", "told", "urgent", "frames_under_way"
-        self._events, self._told, self._urgent, self._under_way = (_field(network.common, name) for name in names)
+        names = "events", "told", "urgent", "frames_under_way", "rowless"
+        self._events, self._told, self._urgent, self._under_way, self._rowless = (
+            _field(network.common, name) for name in names
+        )
         self._until = np.zeros(2, np.int64)
         self._until_time_phase = memoryview(self._until)
         self._offer = new_records(1, _OFFER)
@@ -204,16 +210,15 @@ class Stations:
         now, phase = here = kernel.phase
         self._handle = None
         self._pumping, self._stirred = True, False
-        told = self._tell()
-        if told and not self._stirred:  # nothing else was due in this phase
+        told, rest = self._tell(), (now, phase + 1)
+        if told and not self._stirred and kernel.peek() < rest:  # nothing else was due in this phase
             kernel.soon(self._run_ahead)
             return
-        rest = (now, phase + 1)
-        out, due = self._advance(rest if told else max(kernel.peek(), rest))
+        out, due = self._advance(max(kernel.peek(), rest))
         while out and due == here:
             told = self._tell()
-            out, due = self._advance(rest)
-        if told:
+            out, due = self._advance(max(kernel.peek(), rest))
+        if told and kernel.peek() < rest:  # hosts are to act yet
             kernel.soon(self._run_ahead)
         else:
             self._wait(out, due)
@@ -228,7 +233,7 @@ class Stations:
         while True:
             why, time, phase = next(self._advancing)
             if why == ROWLESS:
-                self._add_row(int(self._common["rowless"]))
+                self._add_rows(self._rowless[0])
             elif why == FULL:
                 self._make_room()
             else:
@@ -242,16 +247,20 @@ class Stations:
         if due[0] != NEVER:
             self._call_back(due)
 
-    def _add_row(self, source: Address) -> None:
-        size, station = len(self._network.stations), self._network.stations[source]
+    def _add_rows(self, source: Address) -> None:
+        """Have the row of *source* written; where stations are few all, which costs little more."""
+        network, size = self._network, len(self._network.stations)
         if self._rows > ROWS and self._rows > self._under_way[0]:
             self.moved()
-        while self._rows_used + size > len(self._network.rows):
-            self._use(self._network._replace(rows=doubled(self._network.rows)))
-        begin = self._rows_used
-        self._rows_used = begin + self._host.write_row(source, self._network.rows[begin:])
-        self._rows += 1
-        station["row"], station["row_end"] = begin, self._rows_used
+        first, last = (0, size - 1) if size <= FEW else (source, source)
+        begin, count = self._rows_used, last + 1 - first
+        while begin + count * size > len(self._network.rows):
+            self._use(network._replace(rows=doubled(self._network.rows)))
+        ends = self._host.write_rows(first, last, self._network.rows[begin:]) + begin
+        stations = network.stations[first : last + 1]
+        stations["row"][0], stations["row"][1:], stations["row_end"] = begin, ends[:-1], ends
+        self._rows_used = int(ends[-1])
+        self._rows += count
 
     def _make_room(self) -> None:
         """Make room for another packet, and for what the next event may bring."""

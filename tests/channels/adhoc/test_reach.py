@@ -31,7 +31,7 @@ def fading(**settings: Any) -> Propagation:
 
 def row(reach: Reach, source: int, size: int) -> tuple[list[int], list[float]]:
     rows = new_records(size, REACHED)
-    rows = rows[: reach.write(source, rows)]
+    rows = rows[: reach.write(source, source, rows)[0]]
     return rows["address"].tolist(), rows["mw"].tolist()
 
 
