@@ -111,7 +111,9 @@ class Reach:
         if self._places is None:
             self._places = sorted_places(self._positions_m, self._on, self._cell_m)
         powers_mw, limits_m = self._powers_mw[first : last + 1], self._limits_m[first : last + 1]
-        return _write_rows(self._places, self._losses, first, powers_mw, limits_m, self._faintest_mw, rows)
+        ends = np.empty(len(powers_mw), np.int64)
+        _write_rows(self._places, self._losses, first, powers_mw, limits_m, self._faintest_mw, rows, ends)
+        return ends
 
     def hearers(self, source: Address, least_mw: float) -> tuple[Address, ...]:
         """Return at whom the power of *source* is at least *least_mw*."""
@@ -133,8 +135,9 @@ class Reach:
         places = sorted_places(positions_m, np.ones(len(positions_m), np.bool_), math.inf)
         rows, received = new_records(len(positions_m), REACHED), np.zeros((len(places_m), len(positions_m)))
         for number, power_mw in enumerate(powers_mw):
-            sent_mw, limits_m = np.array((power_mw,)), np.array((limit_m,))
-            row = rows[: _write_rows(places, self._losses, size + number, sent_mw, limits_m, 0.0, rows)[0]]
+            sent_mw, limits_m, ends = np.array((power_mw,)), np.array((limit_m,)), np.empty(1, np.int64)
+            _write_rows(places, self._losses, size + number, sent_mw, limits_m, 0.0, rows, ends)
+            row = rows[: ends[0]]
             received[number, row["address"]] = row["mw"]
         at_each: list[list[float]] = received[:, :size].tolist()
         return at_each
@@ -152,13 +155,13 @@ def _write_rows(
     limits_m: Floats,
     faintest_mw: float,
     rows: Records,
-) -> Int64s:
-    """Write the rows of *first* and those after it, of *powers_mw* and *limits_m*; return where each ends, (n,)."""
-    ends, end = np.empty(len(powers_mw), np.int64), 0
-    for at in range(len(powers_mw)):
+    ends: Int64s,
+) -> None:
+    """Write the rows of *first* and those after it, of *powers_mw* and *limits_m*, and where each *ends*, all (n,)."""
+    end = 0
+    for at in range(len(ends)):
         end += _write_row(places, losses, first + at, powers_mw[at], limits_m[at], faintest_mw, rows[end:])
         ends[at] = end
-    return ends
 
 
 @njit(cache=True)

@@ -8,6 +8,7 @@ together.
 """
 
 from collections.abc import Iterator, Sequence
+from struct import Struct
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -25,6 +26,7 @@ from cosim.channels.adhoc.state import (
     NEVER,
     NONE,
     RECEIVED,
+    REPORT,
     Network,
     Records,
     Report,
@@ -43,8 +45,12 @@ from cosim.units import Time
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
 
-_COLUMNS: Final = ("what", "station", "packet", "source", "right", "mw", "number")
-"""Fields of reports of which hosts hear."""
+_READ: Final = ("what", "station", "packet", "right", "mw", "source", "number")
+"""Fields of reports of which hosts hear, in their order."""
+_REPORT: Final = Struct(
+    "".join(REPORT[name].char if name in _READ else f"{REPORT[name].itemsize}x" for name in REPORT.fields or ()) + "0q"
+)
+"""These fields of a report, and what is skipped."""
 _OFFER: Final = np.dtype(
     [(name, np.int64) for name in ("address", "destination", "form", "asks", "awaited", "now")], align=True
 )
@@ -115,7 +121,7 @@ class Stations:
         self._network = network
         self._advancing, self._queueing = _advancing(network, self._until), _queueing(network, self._forms, self._offer)
         self._times, self._ranks = _field(network.agenda, "time"), _field(network.agenda, "rank")
-        self._columns = [_field(network.told, name) for name in _COLUMNS]
+        self._reports = memoryview(network.told.view(np.uint8))
 
     # ------------------------------------------------------------ what goes in
 
@@ -283,26 +289,27 @@ class Stations:
         if not count:
             return False
         # all is read first: hosts may send again, and a new packet may get the number of one that is done
-        whats, stations, numbers, sources, right, mw, data_numbers = [each[:count].tolist() for each in self._columns]
+        reports = list(_REPORT.iter_unpack(self._reports[: count * _REPORT.size]))
         notes = self._network.told[:count].tolist() if self._common["noted"] else ()
         self._told[0], self._urgent[0] = 0, False
-        packets = [self._packets.get(number) for number in numbers]
+        whats = [(what, number) for what, _, number, _, _, _, _ in reports]
+        packets = [self._packets.get(number) for _, number in whats]
         at = 0
         while at < count:
-            packet, begin = packets[at], at
+            (what, station, _, right, _, source, data_number), packet, begin = reports[at], packets[at], at
             at += 1
-            if whats[begin] not in (RECEIVED, DONE):
+            if what not in (RECEIVED, DONE):
                 self._host.noted(Report(*notes[begin]), packet)
                 continue
             assert packet is not None
-            if whats[begin] == DONE:
-                self._host.done(stations[begin], packet, right[begin])
+            if what == DONE:
+                self._host.done(station, packet, right)
                 continue
-            while at < count and whats[at] == RECEIVED and numbers[at] == numbers[begin]:  # one frame
+            while at < count and whats[at] == whats[begin]:  # one frame
                 at += 1
-            source = sources[begin]
-            if packet.destination == BROADCAST or self._is_new(stations[begin], source, data_numbers[begin]):
-                self._host.received(stations[begin:at], source, packet, mw[begin:at])
+            if packet.destination == BROADCAST or self._is_new(station, source, data_number):
+                mw = [each for _, _, _, _, each, _, _ in reports[begin:at]]
+                self._host.received([each for _, each, _, _, _, _, _ in reports[begin:at]], source, packet, mw)
         return True
 
     def _is_new(self, address: Address, source: Address, number: int) -> bool:
