@@ -9,7 +9,7 @@ together.
 
 from collections.abc import Iterator, Sequence
 from struct import Struct
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -56,6 +56,10 @@ _OFFER: Final = np.dtype(
 )
 """What ``queue`` is to do; its form by number."""
 
+_Outcome: TypeAlias = tuple[Packet | None, bool, list[Address], list[float], Address, int | None, Report | None]
+"""A packet, whether it was acknowledged, the stations, with which powers they have received it, its source, the number
+of the DATA that it is (None: the first station is done with it), and what is to be noted instead."""
+
 
 class Rules(NamedTuple):
     """What all stations of a network have in common."""
@@ -96,12 +100,13 @@ class Stations:
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
         self._common["noted"] = noted
-        names = "events", "told", "urgent", "frames_under_way", "rowless"
-        self._events, self._told, self._urgent, self._under_way, self._rowless = (
+        names = "events", "told", "urgent", "frames_under_way", "first_there", "rowless"
+        self._events, self._told, self._urgent, self._under_way, self._first_there, self._rowless = (
             _field(network.common, name) for name in names
         )
+        self._row_begins, self._row_ends = network.stations["row"], network.stations["row_end"]
         self._until = np.zeros(2, np.int64)
-        self._until_time_phase = memoryview(self._until)
+        self._until_time_phase = self._until.data
         self._offer = new_records(1, _OFFER)
         self._forms = new_records(16, FORM)
         self._form_numbers: dict[tuple[bool, int], int] = {}
@@ -121,7 +126,7 @@ class Stations:
         self._network = network
         self._advancing, self._queueing = _advancing(network, self._until), _queueing(network, self._forms, self._offer)
         self._times, self._ranks = _field(network.agenda, "time"), _field(network.agenda, "rank")
-        self._reports = memoryview(network.told.view(np.uint8))
+        self._reports = network.told.view(np.uint8).data
 
     # ------------------------------------------------------------ what goes in
 
@@ -162,9 +167,9 @@ class Stations:
     def moved(self) -> None:
         """Note that frames reach others, or with other powers, from now on."""
         network = self._network
-        network.stations["row"] = NONE
+        self._row_begins.fill(NONE)
         kept, used = [], 0
-        number = int(self._common["first_there"])
+        number = self._first_there[0]
         while number != NONE:  # frames that have begun to arrive stay where they are
             frame = network.frames[number]
             kept.append(network.rows[frame["row"] : frame["row_end"]].copy())
@@ -216,15 +221,15 @@ class Stations:
         now, phase = here = kernel.phase
         self._handle = None
         self._pumping, self._stirred = True, False
-        told, rest = self._tell(), (now, phase + 1)
-        if told and not self._stirred and kernel.peek() < rest:  # nothing else was due in this phase
+        told, rest, others = self._tell(), (now, phase + 1), kernel.peek()
+        if told and not self._stirred and others < rest:  # nothing else was due in this phase
             kernel.soon(self._run_ahead)
             return
-        out, due = self._advance(max(kernel.peek(), rest))
+        out, due = self._advance(max(others, rest))
         while out and due == here:
-            told = self._tell()
-            out, due = self._advance(max(kernel.peek(), rest))
-        if told and kernel.peek() < rest:  # hosts are to act yet
+            told, others = self._tell(), kernel.peek()
+            out, due = self._advance(max(others, rest))
+        if told and others < rest:  # hosts are to act yet
             kernel.soon(self._run_ahead)
         else:
             self._wait(out, due)
@@ -263,8 +268,8 @@ class Stations:
         while begin + count * size > len(self._network.rows):
             self._use(network._replace(rows=doubled(self._network.rows)))
         ends = self._host.write_rows(first, last, self._network.rows[begin:]) + begin
-        stations = network.stations[first : last + 1]
-        stations["row"][0], stations["row"][1:], stations["row_end"] = begin, ends[:-1], ends
+        self._row_ends[first : last + 1] = ends
+        self._row_begins[first], self._row_begins[first + 1 : last + 1] = begin, ends[:-1]
         self._rows_used = int(ends[-1])
         self._rows += count
 
@@ -288,29 +293,40 @@ class Stations:
         count = self._told[0]
         if not count:
             return False
-        # all is read first: hosts may send again, and a new packet may get the number of one that is done
-        reports = list(_REPORT.iter_unpack(self._reports[: count * _REPORT.size]))
-        notes = self._network.told[:count].tolist() if self._common["noted"] else ()
-        self._told[0], self._urgent[0] = 0, False
-        whats = [(what, number) for what, _, number, _, _, _, _ in reports]
-        packets = [self._packets.get(number) for _, number in whats]
-        at = 0
-        while at < count:
-            (what, station, _, right, _, source, data_number), packet, begin = reports[at], packets[at], at
-            at += 1
-            if what not in (RECEIVED, DONE):
-                self._host.noted(Report(*notes[begin]), packet)
+        host = self._host
+        for packet, right, receivers, mw, source, number, note in self._outcomes(count):
+            if note is not None:
+                host.noted(note, packet)
                 continue
             assert packet is not None
-            if what == DONE:
-                self._host.done(station, packet, right)
-                continue
-            while at < count and whats[at] == whats[begin]:  # one frame
-                at += 1
-            if packet.destination == BROADCAST or self._is_new(station, source, data_number):
-                mw = [each for _, _, _, _, each, _, _ in reports[begin:at]]
-                self._host.received([each for _, each, _, _, _, _, _ in reports[begin:at]], source, packet, mw)
+            station = receivers[0]
+            if number is None:
+                host.done(station, packet, right)
+            elif packet.destination == BROADCAST or self._is_new(station, source, number):
+                host.received(receivers, source, packet, mw)
         return True
+
+    def _outcomes(self, count: int) -> list[_Outcome]:
+        """Take what *count* reports say, all before hosts hear of any: they may send, and a packet's number is taken.
+
+        A frame that several stations have received is one outcome.
+        """
+        outcomes: list[_Outcome] = []
+        receivers: list[Address] = []
+        mw: list[float] = []
+        heard, told = NONE, _REPORT.iter_unpack(self._reports[: count * _REPORT.size])
+        for at, (what, station, number, right, power_mw, source, data_number) in enumerate(told):
+            if what == RECEIVED and number == heard:
+                receivers.append(station)
+                mw.append(power_mw)
+                continue
+            receivers, mw = [station], [power_mw]
+            heard = number if what == RECEIVED else NONE
+            note = None if what in (RECEIVED, DONE) else Report(*self._network.told[at].tolist())
+            of_data = data_number if what == RECEIVED else None
+            outcomes.append((self._packets.get(number), right, receivers, mw, source, of_data, note))
+        self._told[0], self._urgent[0] = 0, False
+        return outcomes
 
     def _is_new(self, address: Address, source: Address, number: int) -> bool:
         """Return whether DATA to one station is not the last that it has received of its sender (9.2.9)."""
@@ -328,7 +344,7 @@ def _rates(timing: Timing) -> set[int]:
 
 def _field(records: Records, name: str) -> memoryview:
     """Return a field of *records*, as Python reads and writes it fastest."""
-    return memoryview(records[name])
+    return records[name].data
 
 
 # ---------------------------------------------------------------- kernels
