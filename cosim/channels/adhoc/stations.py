@@ -106,7 +106,8 @@ class Stations:
         )
         self._row_begins, self._row_ends = network.stations["row"], network.stations["row_end"]
         self._until = np.zeros(2, np.int64)
-        self._until_time_phase = self._until.data
+        """Instant and phase up to which the stations run ahead, for the kernel; and as Python writes them."""
+        self._until_written = self._until.data
         self._offer = new_records(1, _OFFER)
         self._forms = new_records(16, FORM)
         self._form_numbers: dict[tuple[bool, int], int] = {}
@@ -240,7 +241,7 @@ class Stations:
 
     def _advance(self, until: tuple[Time, int]) -> tuple[bool, tuple[Time, int]]:
         """Run ahead; return whether something has come out for hosts, and when: or else when the next event is."""
-        self._until_time_phase[0], self._until_time_phase[1] = until
+        self._until_written[0], self._until_written[1] = until
         while True:
             why, time, phase = next(self._advancing)
             if why == ROWLESS:
@@ -260,13 +261,13 @@ class Stations:
 
     def _add_rows(self, source: Address) -> None:
         """Have the row of *source* written; where stations are few all, which costs little more."""
-        network, size = self._network, len(self._network.stations)
+        size = len(self._network.stations)
         if self._rows > ROWS and self._rows > self._under_way[0]:
             self.moved()
         first, last = (0, size - 1) if size <= FEW else (source, source)
         begin, count = self._rows_used, last + 1 - first
         while begin + count * size > len(self._network.rows):
-            self._use(network._replace(rows=doubled(self._network.rows)))
+            self._use(self._network._replace(rows=doubled(self._network.rows)))
         ends = self._host.write_rows(first, last, self._network.rows[begin:]) + begin
         self._row_ends[first : last + 1] = ends
         self._row_begins[first], self._row_begins[first + 1 : last + 1] = begin, ends[:-1]
