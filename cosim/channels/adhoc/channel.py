@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 import cosim.elementary as elementary
-from cosim.arrays import Floats
+from cosim.arrays import Floats, Int64s
 from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
 from cosim.channels.adhoc.mac import KINDS, Packet
@@ -220,9 +220,9 @@ class AdhocChannel(IdealChannel):
         """Return whether a frame of *one* can be received by *other*, if nothing else is on the air."""
         return super()._hears(one, other) and other in self.in_reach(one)
 
-    def write_row(self, source: Address, rows: Records) -> int:
-        """Write whom *source* reaches now, with how many mW: all that are switched on, however weakly."""
-        return self._reach.write(source, rows)
+    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
+        """Write whom *first* to *last* reach now, with how many mW: all that are switched on, however weakly."""
+        return self._reach.write(first, last, rows)
 
     # ------------------------------------------------------------ what stations report
 

@@ -2,7 +2,8 @@
 
 Where signals do not fade these are all within the sender's range. Where they fade, all at whom its power is above the
 faintest that counts; at a distance at which the law alone takes more than that, nobody has to be asked. So robots are
-sorted into square cells as wide as a part of the farthest reach, and a sender looks at those of its surroundings only.
+sorted into square cells as wide as a part of the farthest reach, and a sender looks at those of its surroundings only;
+but a few are not worth sorting.
 """
 
 import math
@@ -22,6 +23,8 @@ FAINT_MW: Final = 1e-14
 """Power (-140 dBm) up to which a signal is neglected, even as interference."""
 CELLS: Final = 4
 """Number of cells along the farthest reach."""
+FEW: Final = 32
+"""Number of radios up to which all are in one cell, and whom one of them reaches is not asked for alone."""
 _PAD: Final = 1e-6
 """Share of a cell by which it is taken to be wider: more than rounding."""
 
@@ -47,7 +50,11 @@ class Places(NamedTuple):
 def sorted_places(positions_m: Floats, on: Bools, cell_m: float) -> Places:
     """Return *positions_m*, (n, 2), of radios of which some are *on*, (n,), in at most about n cells of *cell_m*."""
     positions = np.ascontiguousarray(positions_m, dtype=np.float64)
-    count, low = len(positions), positions.min(axis=0)
+    count = len(positions)
+    if count <= FEW:
+        first, member = np.array((0, count)), np.arange(count)
+        return Places(positions, on, np.zeros(count, np.bool_), 0.0, 0.0, 1.0, 1, 1, first, member)
+    low = positions.min(axis=0)
     (x_m, y_m), (width, height) = low.tolist(), (positions.max(axis=0) - low).tolist()
     extent_m = max(width, height, 1e-3)
     cell_m = min(max(cell_m, extent_m / math.sqrt(count)), 2.0 * extent_m)
@@ -75,11 +82,12 @@ class Reach:
         self._hearers: dict[Address, tuple[Address, ...]] = {}
         """Who can receive frames of whom, as far as it was asked since the last change."""
         if propagation is None:
-            self._powers_mw, self._limits_m = [1.0] * size, strength.tolist()
+            self._powers_mw, self._limits_m = np.ones(size), strength
         else:
-            self._powers_mw = strength.tolist()
+            self._powers_mw = strength
             ratios = (strength / faintest_mw).tolist()
-            self._limits_m = [propagation.distance_m(10.0 * elementary.log10(ratio)) for ratio in ratios]
+            self._limits_m = np.array([propagation.distance_m(10.0 * elementary.log10(ratio)) for ratio in ratios])
+        self._cell_m = float(self._limits_m.max()) / CELLS
 
     def moved(self, positions_m: Floats) -> None:
         """Take new positions, (size, 2), which stay as they are until the next."""
@@ -98,18 +106,20 @@ class Reach:
         self._losses = self._propagation.losses
         self._hearers.clear()
 
-    def write(self, source: Address, rows: Records) -> int:
-        """Write to the first of *rows* whom *source* reaches, rising, and with how many mW; return how many."""
+    def write(self, first: Address, last: Address, rows: Records) -> Int64s:
+        """Write whom *first* to *last* reach, row after row, each rising, with how many mW; return where rows end."""
         if self._places is None:
-            self._places = sorted_places(self._positions_m, self._on, max(self._limits_m) / CELLS)
-        power_mw, limit_m = self._powers_mw[source], self._limits_m[source]
-        return _write_row(self._places, self._losses, source, power_mw, limit_m, self._faintest_mw, rows)
+            self._places = sorted_places(self._positions_m, self._on, self._cell_m)
+        powers_mw, limits_m = self._powers_mw[first : last + 1], self._limits_m[first : last + 1]
+        ends = np.empty(len(powers_mw), np.int64)
+        _write_rows(self._places, self._losses, first, powers_mw, limits_m, self._faintest_mw, rows, ends)
+        return ends
 
     def hearers(self, source: Address, least_mw: float) -> tuple[Address, ...]:
         """Return at whom the power of *source* is at least *least_mw*."""
         hearers = self._hearers.get(source)
         if hearers is None:
-            row = self._room[: self.write(source, self._room)]
+            row = self._room[: self.write(source, source, self._room)[0]]
             hearers = self._hearers[source] = tuple(row["address"][row["mw"] >= least_mw].tolist())
         return hearers
 
@@ -125,13 +135,33 @@ class Reach:
         places = sorted_places(positions_m, np.ones(len(positions_m), np.bool_), math.inf)
         rows, received = new_records(len(positions_m), REACHED), np.zeros((len(places_m), len(positions_m)))
         for number, power_mw in enumerate(powers_mw):
-            row = rows[: _write_row(places, self._losses, size + number, power_mw, limit_m, 0.0, rows)]
+            sent_mw, limits_m, ends = np.array((power_mw,)), np.array((limit_m,)), np.empty(1, np.int64)
+            _write_rows(places, self._losses, size + number, sent_mw, limits_m, 0.0, rows, ends)
+            row = rows[: ends[0]]
             received[number, row["address"]] = row["mw"]
         at_each: list[list[float]] = received[:, :size].tolist()
         return at_each
 
 
 # ---------------------------------------------------------------- kernels
+
+
+@njit(cache=True)
+def _write_rows(
+    places: Places,
+    losses: Losses | None,
+    first: int,
+    powers_mw: Floats,
+    limits_m: Floats,
+    faintest_mw: float,
+    rows: Records,
+    ends: Int64s,
+) -> None:
+    """Write the rows of *first* and those after it, of *powers_mw* and *limits_m*, and where each *ends*, all (n,)."""
+    end = 0
+    for at in range(len(ends)):
+        end += _write_row(places, losses, first + at, powers_mw[at], limits_m[at], faintest_mw, rows[end:])
+        ends[at] = end
 
 
 @njit(cache=True)

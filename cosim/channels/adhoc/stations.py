@@ -7,28 +7,36 @@ stations have one instant and phase, that goes first which was in the kernel's q
 together.
 """
 
-from collections.abc import Sequence
-from typing import Final, NamedTuple, Protocol
+from collections.abc import Iterator, Sequence
+from struct import Struct
+from typing import Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Int64s
 from cosim.channels.adhoc.advance import FULL, ROWLESS, TOLD, advance, jam_all
 from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
-from cosim.channels.adhoc.mac import Access, Form, Limits, Packet, Timing
+from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
+from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
+    FORM,
     NEVER,
     NONE,
     RECEIVED,
+    REPORT,
+    Network,
     Records,
     Report,
     doubled,
     new_network,
+    new_records,
     with_frames,
     with_packets,
 )
+from cosim.jit import njit
 from cosim.kernel import Handle, Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -37,8 +45,20 @@ from cosim.units import Time
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
 
-_COLUMNS: Final = ("what", "station", "packet", "source", "right", "mw", "number")
-"""Fields of reports of which hosts hear."""
+_READ: Final = ("what", "station", "packet", "right", "mw", "source", "number")
+"""Fields of reports of which hosts hear, in their order."""
+_REPORT: Final = Struct(
+    "".join(REPORT[name].char if name in _READ else f"{REPORT[name].itemsize}x" for name in REPORT.fields or ()) + "0q"
+)
+"""These fields of a report, and what is skipped."""
+_OFFER: Final = np.dtype(
+    [(name, np.int64) for name in ("address", "destination", "form", "asks", "awaited", "now")], align=True
+)
+"""What ``queue`` is to do; its form by number."""
+
+_Outcome: TypeAlias = tuple[Packet | None, bool, list[Address], list[float], Address, int | None, Report | None]
+"""A packet, whether it was acknowledged, the stations, with which powers they have received it, its source, the number
+of the DATA that it is (None: the first station is done with it), and what is to be noted instead."""
 
 
 class Rules(NamedTuple):
@@ -53,8 +73,11 @@ class Rules(NamedTuple):
 class Host(Protocol):
     """The other side of all stations."""
 
-    def write_row(self, source: Address, rows: Records) -> int:
-        """Write to the first of *rows* whom a frame reaches that begins to arrive now, rising; return how many."""
+    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
+        """Write whom frames of *first* to *last* reach that begin to arrive now; return where the row of each ends.
+
+        Row after row, each rising.
+        """
 
     def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
         """Take the DATA of *source* for all *receivers*, and with which power it has arrived at each; only once."""
@@ -74,10 +97,21 @@ class Stations:
         self._kernel = kernel
         self._host = host
         cck = tables(() if limits is None else _rates(self._timing))
-        self._network = new_network(size, *rules, draws.key, cck, kernel.now)
-        self._common = self._network.common[0]
+        network = new_network(size, *rules, draws.key, cck, kernel.now)
+        self._common = network.common[0]
         self._common["noted"] = noted
-        self._forms: dict[tuple[bool, int], Form] = {}
+        names = "events", "told", "urgent", "frames_under_way", "first_there", "rowless"
+        self._events, self._told, self._urgent, self._under_way, self._first_there, self._rowless = (
+            _field(network.common, name) for name in names
+        )
+        self._row_begins, self._row_ends = network.stations["row"], network.stations["row_end"]
+        self._until = np.zeros(2, np.int64)
+        """Instant and phase up to which the stations run ahead, for the kernel; and as Python writes them."""
+        self._until_written = self._until.data
+        self._offer = new_records(1, _OFFER)
+        self._forms = new_records(16, FORM)
+        self._form_numbers: dict[tuple[bool, int], int] = {}
+        self._use(network)
         self._packets: dict[int, Packet] = {}
         self._heard: list[dict[Address, int]] = [{} for _ in range(size)]
         """Last sequence number of each sender, by receiver."""
@@ -88,22 +122,36 @@ class Stations:
         self._stirred = False
         """Something has been put on the agenda since the pump has begun."""
 
+    def _use(self, network: Network) -> None:
+        """Take *network*, whose arrays are new."""
+        self._network = network
+        self._advancing, self._queueing = _advancing(network, self._until), _queueing(network, self._forms, self._offer)
+        self._times, self._ranks = _field(network.agenda, "time"), _field(network.agenda, "rank")
+        self._reports = network.told.view(np.uint8).data
+
     # ------------------------------------------------------------ what goes in
 
     def send(self, address: Address, packet: Packet, awaited: bool = True) -> None:
         """Queue *packet* at a station; the host hears when it is off the queue if that is *awaited*."""
-        to_all, octets = packet.destination == BROADCAST, len(packet.payload)
-        form = self._forms.get((to_all, octets))
+        destination, octets = packet.destination, len(packet.payload)
+        form = self._form_numbers.get((destination == BROADCAST, octets))
         if form is None:
-            form = (self._timing.broadcast if to_all else self._timing.unicast)(octets)
-            self._forms[to_all, octets] = form
-        asks, now = self._access.asks(packet), self._kernel.now
-        number = queue(self._network, address, packet.destination, form, asks, awaited, now)
+            form = self._new_form(destination == BROADCAST, octets)
+        self._offer[0] = address, destination, form, self._access.asks(packet), awaited, self._kernel.now
+        number = next(self._queueing)
         if number == NONE:
             self._make_room()
-            number = queue(self._network, address, packet.destination, form, asks, awaited, now)
+            number = next(self._queueing)
         self._packets[number] = packet
         self._arm()
+
+    def _new_form(self, to_all: bool, octets: int) -> int:
+        number = self._form_numbers[to_all, octets] = len(self._form_numbers)
+        if number == len(self._forms):
+            self._forms = doubled(self._forms)
+            self._use(self._network)
+        self._forms[number] = (self._timing.broadcast if to_all else self._timing.unicast)(octets)
+        return number
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
@@ -120,9 +168,9 @@ class Stations:
     def moved(self) -> None:
         """Note that frames reach others, or with other powers, from now on."""
         network = self._network
-        network.stations["row"] = NONE
+        self._row_begins.fill(NONE)
         kept, used = [], 0
-        number = int(self._common["first_there"])
+        number = self._first_there[0]
         while number != NONE:  # frames that have begun to arrive stay where they are
             frame = network.frames[number]
             kept.append(network.rows[frame["row"] : frame["row_end"]].copy())
@@ -156,9 +204,8 @@ class Stations:
         """Have the kernel call back at the next event."""
         if self._pumping:
             self._stirred = True
-        elif self._common["events"]:
-            first = self._network.agenda[0]
-            self._call_back((int(first["time"]), int(first["rank"]) >> ORDER_BITS))
+        elif self._events[0]:
+            self._call_back((self._times[0], self._ranks[0] >> ORDER_BITS))
 
     def _call_back(self, due: tuple[Time, int]) -> None:
         handle = self._handle
@@ -175,16 +222,15 @@ class Stations:
         now, phase = here = kernel.phase
         self._handle = None
         self._pumping, self._stirred = True, False
-        told = self._tell()
-        if told and not self._stirred:  # nothing else was due in this phase
+        told, rest, others = self._tell(), (now, phase + 1), kernel.peek()
+        if told and not self._stirred and others < rest:  # nothing else was due in this phase
             kernel.soon(self._run_ahead)
             return
-        rest = (now, phase + 1)
-        out, due = self._advance(rest if told else max(kernel.peek(), rest))
+        out, due = self._advance(max(others, rest))
         while out and due == here:
-            told = self._tell()
-            out, due = self._advance(rest)
-        if told:
+            told, others = self._tell(), kernel.peek()
+            out, due = self._advance(max(others, rest))
+        if told and others < rest:  # hosts are to act yet
             kernel.soon(self._run_ahead)
         else:
             self._wait(out, due)
@@ -195,10 +241,11 @@ class Stations:
 
     def _advance(self, until: tuple[Time, int]) -> tuple[bool, tuple[Time, int]]:
         """Run ahead; return whether something has come out for hosts, and when: or else when the next event is."""
+        self._until_written[0], self._until_written[1] = until
         while True:
-            why, time, phase = advance(self._network, *until)
+            why, time, phase = next(self._advancing)
             if why == ROWLESS:
-                self._add_row(int(self._common["rowless"]))
+                self._add_rows(self._rowless[0])
             elif why == FULL:
                 self._make_room()
             else:
@@ -212,60 +259,75 @@ class Stations:
         if due[0] != NEVER:
             self._call_back(due)
 
-    def _add_row(self, source: Address) -> None:
-        size, station = len(self._network.stations), self._network.stations[source]
-        if self._rows > ROWS and self._rows > self._common["frames_under_way"]:
+    def _add_rows(self, source: Address) -> None:
+        """Have the row of *source* written; where stations are few all, which costs little more."""
+        size = len(self._network.stations)
+        if self._rows > ROWS and self._rows > self._under_way[0]:
             self.moved()
-        while self._rows_used + size > len(self._network.rows):
-            self._network = self._network._replace(rows=doubled(self._network.rows))
-        begin = self._rows_used
-        self._rows_used = begin + self._host.write_row(source, self._network.rows[begin:])
-        self._rows += 1
-        station["row"], station["row_end"] = begin, self._rows_used
+        first, last = (0, size - 1) if size <= FEW else (source, source)
+        begin, count = self._rows_used, last + 1 - first
+        while begin + count * size > len(self._network.rows):
+            self._use(self._network._replace(rows=doubled(self._network.rows)))
+        ends = self._host.write_rows(first, last, self._network.rows[begin:]) + begin
+        self._row_ends[first : last + 1] = ends
+        self._row_begins[first], self._row_begins[first + 1 : last + 1] = begin, ends[:-1]
+        self._rows_used = int(ends[-1])
+        self._rows += count
 
     def _make_room(self) -> None:
         """Make room for another packet, and for what the next event may bring."""
-        if self._common["told"] and not self._common["urgent"]:
+        if self._told[0] and not self._urgent[0]:
             self._tell()
         network, size = self._network, len(self._network.stations)
         if self._common["free_frame"] == NONE:
             network = with_frames(network, len(network.frames))
         if self._common["free_packet"] == NONE:
             network = with_packets(network, len(network.packets))
-        while self._common["told"] + 2 * size + 4 > len(network.told):
+        while self._told[0] + 2 * size + 4 > len(network.told):
             network = network._replace(told=doubled(network.told))
-        while self._common["events"] + 2 * size + self._common["frames_under_way"] + 4 > len(network.agenda):
+        while self._events[0] + 2 * size + self._under_way[0] + 4 > len(network.agenda):
             network = network._replace(agenda=doubled(network.agenda))
-        self._network = network
+        self._use(network)
 
     def _tell(self) -> bool:
         """Tell the host what has come out; return whether anything has."""
-        count = int(self._common["told"])
+        count = self._told[0]
         if not count:
             return False
-        # all is read first: hosts may send again, and a new packet may get the number of one that is done
-        told = self._network.told[:count]
-        whats, stations, numbers, sources, right, mw, data_numbers = (told[name].tolist() for name in _COLUMNS)
-        notes = told.tolist() if self._common["noted"] else ()
-        self._common["told"], self._common["urgent"] = 0, False
-        packets = [self._packets.get(number) for number in numbers]
-        at = 0
-        while at < count:
-            packet, begin = packets[at], at
-            at += 1
-            if whats[begin] not in (RECEIVED, DONE):
-                self._host.noted(Report(*notes[begin]), packet)
+        host = self._host
+        for packet, right, receivers, mw, source, number, note in self._outcomes(count):
+            if note is not None:
+                host.noted(note, packet)
                 continue
             assert packet is not None
-            if whats[begin] == DONE:
-                self._host.done(stations[begin], packet, right[begin])
-                continue
-            while at < count and whats[at] == RECEIVED and numbers[at] == numbers[begin]:  # one frame
-                at += 1
-            source = sources[begin]
-            if packet.destination == BROADCAST or self._is_new(stations[begin], source, data_numbers[begin]):
-                self._host.received(stations[begin:at], source, packet, mw[begin:at])
+            station = receivers[0]
+            if number is None:
+                host.done(station, packet, right)
+            elif packet.destination == BROADCAST or self._is_new(station, source, number):
+                host.received(receivers, source, packet, mw)
         return True
+
+    def _outcomes(self, count: int) -> list[_Outcome]:
+        """Take what *count* reports say, all before hosts hear of any: they may send, and a packet's number is taken.
+
+        A frame that several stations have received is one outcome.
+        """
+        outcomes: list[_Outcome] = []
+        receivers: list[Address] = []
+        mw: list[float] = []
+        heard, told = NONE, _REPORT.iter_unpack(self._reports[: count * _REPORT.size])
+        for at, (what, station, number, right, power_mw, source, data_number) in enumerate(told):
+            if what == RECEIVED and number == heard:
+                receivers.append(station)
+                mw.append(power_mw)
+                continue
+            receivers, mw = [station], [power_mw]
+            heard = number if what == RECEIVED else NONE
+            note = None if what in (RECEIVED, DONE) else Report(*self._network.told[at].tolist())
+            of_data = data_number if what == RECEIVED else None
+            outcomes.append((self._packets.get(number), right, receivers, mw, source, of_data, note))
+        self._told[0], self._urgent[0] = 0, False
+        return outcomes
 
     def _is_new(self, address: Address, source: Address, number: int) -> bool:
         """Return whether DATA to one station is not the last that it has received of its sender (9.2.9)."""
@@ -279,3 +341,30 @@ def _rates(timing: Timing) -> set[int]:
     """Return the rates of all frames."""
     forms = (timing.ack, timing.rts, timing.cts, timing.unicast(0), timing.broadcast(0))
     return {rate for form in forms for rate in (form.rate_kbps, form.header_kbps)}
+
+
+def _field(records: Records, name: str) -> memoryview:
+    """Return a field of *records*, as Python reads and writes it fastest."""
+    return records[name].data
+
+
+# ---------------------------------------------------------------- kernels
+#
+# A network is nine arrays, and each call of a kernel takes them over from Python anew: that costs more than most events
+# do. These two take them once, and then do their work whenever they are asked for the next result.
+
+
+@njit(cache=True)
+def _advancing(network: Network, until: Int64s) -> Iterator[tuple[int, Time, int]]:
+    """Yield what ``advance`` returns when it goes up to the instant and phase that *until*, (2,), holds."""
+    while True:
+        yield advance(network, until[0], until[1])
+
+
+@njit(cache=True)
+def _queueing(network: Network, forms: Records, offer: Records) -> Iterator[int]:
+    """Yield what ``queue`` returns for the packet of which *offer*, (1,), tells, its form by number."""
+    while True:
+        packet = offer[0]  # not outside of the loop: what is kept from one result to the next is a copy
+        form, asks, awaited = forms[packet.form], packet.asks != 0, packet.awaited != 0
+        yield queue(network, packet.address, packet.destination, form, asks, awaited, packet.now)

@@ -5,6 +5,9 @@ from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
+from cosim.arrays import Int64s
 from cosim.channels.adhoc.mac import KINDS, Access, Form, Packet, Timing
 from cosim.channels.adhoc.state import NONE, OVER, Records, Report
 from cosim.channels.adhoc.stations import Rules, Stations
@@ -155,10 +158,14 @@ class Network:
             held, number = held - 1, network.packets[number]["next"]
         return held
 
-    def write_row(self, source: Address, rows: Records) -> int:
-        addresses = [other for other, hears in enumerate(self._case.hears[source]) if hears and other != source]
-        rows["address"][: len(addresses)], rows["mw"][: len(addresses)] = addresses, 1.0
-        return len(addresses)
+    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
+        ends, end = [], 0
+        for source in range(first, last + 1):
+            addresses = [other for other, hears in enumerate(self._case.hears[source]) if hears and other != source]
+            begin, end = end, end + len(addresses)
+            rows["address"][begin:end], rows["mw"][begin:end] = addresses, 1.0
+            ends.append(end)
+        return np.array(ends)
 
     def noted(self, report: Report, packet: Packet | None) -> None:
         if report.what == OVER:

@@ -1,6 +1,7 @@
 """Whom senders reach: rows as the matrix of gains has them, by cells or without, and what may be neglected."""
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from cosim.channels.adhoc.state import REACHED, new_records
 from cosim.channels.propagation import Barrier, Propagation, PropagationSettings
 from cosim.elementary import exp10
 from cosim.geometry.segments import segment_grid
-from cosim.kernel import Kernel
+from cosim.kernel import WORLD, Kernel
 from cosim.machine import BROADCAST, Outgoing
 from cosim.randomness import Draws, Streams
 from cosim.trace import Trace
@@ -31,7 +32,7 @@ def fading(**settings: Any) -> Propagation:
 
 def row(reach: Reach, source: int, size: int) -> tuple[list[int], list[float]]:
     rows = new_records(size, REACHED)
-    rows = rows[: reach.write(source, rows)]
+    rows = rows[: reach.write(source, source, rows)[0]]
     return rows["address"].tolist(), rows["mw"].tolist()
 
 
@@ -74,6 +75,37 @@ def test_cells_leave_out_nobody_who_is_reached(count, faintest_mw, monkeypatch):
     monkeypatch.setattr("cosim.channels.adhoc.reach.CELLS", 1e-9)  # one cell: everybody is asked
     assert by_cells == [rows(*law) for law in laws]
     assert count < 300 or 0 < sum(len(addresses) for addresses, _ in by_cells[0]) < 0.9 * count * (count - 1)
+
+
+@pytest.mark.parametrize("law", [None, fading()])
+def test_rows_that_are_written_together_are_those_of_each_alone(law):
+    count = 20
+    reach = Reach(count, np.linspace(20.0, 60.0, count), 1e-8, law)
+    reach.moved(scattered(count, 60.0))
+    reach.power(3, False)
+    rows = new_records(count * count, REACHED)
+    ends = reach.write(2, count - 1, rows).tolist()
+    for source, begin, end in zip(range(2, count), [0, *ends], ends, strict=False):
+        assert (rows["address"][begin:end].tolist(), rows["mw"][begin:end].tolist()) == row(reach, source, count)
+
+
+def test_what_stations_do_does_not_depend_on_whether_they_are_few(monkeypatch):
+    def received() -> list[Any]:
+        settings = AdhocSettings.model_validate({"propagation": {"model": "log_distance", "exponent": 3.0}})
+        kernel = Kernel()
+        channel, told = AdhocChannel(settings, kernel, Trace(()), 12, Streams(1)), []
+        monkeypatch.setattr(channel, "received", lambda *heard: told.append((kernel.now, heard[0], heard[1], heard[3])))
+        for tick in range(30):  # frames are under way when robots move
+            kernel.at(tick * MS, lambda: channel.moved(scattered(12, 200.0) + kernel.now / MS), WORLD)
+            kernel.at(tick * MS, partial(channel.send, tick % 12, Outgoing(BROADCAST, bytes(200))))
+        kernel.run(60 * MS)
+        return told
+
+    few = received()
+    monkeypatch.setattr("cosim.channels.adhoc.reach.FEW", 0)
+    monkeypatch.setattr("cosim.channels.adhoc.stations.FEW", 0)
+    assert few == received()
+    assert len({len(heard) for _, heard, _, _ in few}) > 2
 
 
 def test_a_disc_ends_at_the_range_of_the_sender():
