@@ -20,6 +20,7 @@ from typing import Any, Final, TypeVar
 from uuid import uuid4
 
 import numba
+from llvmlite.binding import parse_bitcode
 from numba.core import codegen, compiler, event, serialize, sigutils, types
 
 from cosim.caches import begin, cache_folder, sources_digest
@@ -64,7 +65,7 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[Kernel], Kernel]
     def compiled(function: Kernel, **more: Any) -> Any:
         kernel: Any = numba.njit(**options, **more)(function)
         if cached and function.__closure__ is None:
-            kernel._cache = _Cache(function, "".join(more))
+            kernel._cache = _Cache(function, "pipeline_class" in more)
         return kernel
 
     def part(function: Kernel) -> Any:
@@ -113,6 +114,22 @@ class _Part(_Library):  # type: ignore[misc]
     def serialize_using_object_code(self) -> Any:
         return self.serialize_using_bitcode()
 
+    @classmethod
+    def read_for(cls, target: Any) -> Any:
+        """Return what is to numba the target of code that is read: it would make machine code of it."""
+
+        def unserialize_library(state: tuple[str, str, bytes]) -> _Part:
+            library = cls(target.codegen(), state[0])
+            library._final_module = parse_bitcode(state[2])
+            library._finalize_final_module()
+            return library
+
+        return SimpleNamespace(
+            codegen=lambda: SimpleNamespace(unserialize_library=unserialize_library),
+            get_executable=target.get_executable,
+            typing_context=target.typing_context,
+        )
+
 
 class _PartCompiler(_Compiler):  # type: ignore[misc]
     """Compiler of a kernel to a part of its callers."""
@@ -125,12 +142,13 @@ class _PartCompiler(_Compiler):  # type: ignore[misc]
 class _Cache:
     """The compiled code of a kernel on the disk: what a numba dispatcher asks of its cache."""
 
-    def __init__(self, function: Callable[..., Any], options: str) -> None:
-        """Keep what *function* is compiled to with *options*."""
+    def __init__(self, function: Callable[..., Any], part: bool) -> None:
+        """Keep what *function* is compiled to, as a *part* of others or by itself."""
         code = function.__code__
         self._module, self._path = function.__module__, Path(code.co_filename)
         self._name = f"{function.__qualname__}-{code.co_firstlineno}"
-        self._of = (options, numba.__version__, sys.implementation.cache_tag)
+        self._of = (part, numba.__version__, sys.implementation.cache_tag)
+        self._part = part
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Return the code for *signature*, ready to run; None if there is none."""
@@ -141,7 +159,7 @@ class _Cache:
             return None
         if kept_for != signature:
             return None
-        return _rebuilt(target, *code)
+        return _rebuilt(_Part.read_for(target) if self._part else target, *code)
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep the code for *signature*, if there is a place for it."""

@@ -159,12 +159,17 @@ def is_found(mutant: Mutant, package: str, tests: Sequence[str], folder: Path, l
     return ended.returncode == pytest.ExitCode.TESTS_FAILED
 
 
+def uncompiled(source: str) -> str:
+    """Return the *source* of a module of kernels without what compiles them."""
+    return re.sub(r"^@njit\(.*\)\n", "", source, flags=re.MULTILINE)
+
+
 class _Plain(SourceFileLoader):
     """Loads a module without its decorators of kernels, from the source at *path*."""
 
     def get_code(self, fullname: str) -> CodeType:
         source = Path(self.path).read_text(encoding="utf-8")
-        return compile(re.sub(r"@njit\(.*\)\n", "", source), self.path, "exec")
+        return compile(uncompiled(source), self.path, "exec")
 
 
 class _Finder(MetaPathFinder):

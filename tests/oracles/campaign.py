@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from tests.mutants import uncompiled
 from tests.oracles.band_air import Jammer, Matrix, Radio
 from tests.oracles.band_scene import Seen
 
@@ -133,7 +134,7 @@ def plant(monkeypatch: pytest.MonkeyPatch, module: str, old: str, new: str) -> M
         loaded = ModuleType(original.__name__)
         monkeypatch.setitem(sys.modules, original.__name__, loaded)
         monkeypatch.setattr(package, name, loaded)
-        code = compile(source.replace("@njit(cache=True)\n", ""), str(original.__file__), "exec")
+        code = compile(uncompiled(source), str(original.__file__), "exec")
         exec(code, loaded.__dict__)
     return sys.modules[f"{PACKAGE}.device"]
 

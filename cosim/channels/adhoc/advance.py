@@ -45,7 +45,7 @@ FULL: Final = 3
 """There is not enough room for what the next event may bring."""
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def advance(network: Network, until: Time, phase: int) -> tuple[int, Time, int]:
     """Carry out what is due before the instant *until* and its *phase*; return why that has ended, and what is next.
 
@@ -82,7 +82,7 @@ def advance(network: Network, until: Time, phase: int) -> tuple[int, Time, int]:
     return IDLE, network.agenda[0].time, network.agenda[0].rank >> ORDER_BITS
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _has_room(network: Network) -> bool:
     """Return whether the next event cannot bring more events, reports and frames than there is room for."""
     common, size = network.common[0], len(network.stations)
@@ -91,7 +91,7 @@ def _has_room(network: Network) -> bool:
     return bool(events and reports and common.free_frame != NONE)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _act(network: Network, address: int, kind: int, order: int, life: int, now: Time) -> None:
     """Have a station do what it was to do *now*, unless that has been cancelled."""
     station = network.stations[address]
@@ -113,7 +113,7 @@ def _act(network: Network, address: int, kind: int, order: int, life: int, now: 
         send_data(network, address, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _arrive(network: Network, now: Time) -> None:
     """Have all frames that begin to arrive now do so, in the order of their senders."""
     common, powers_mw = network.common[0], network.powers_mw
@@ -133,7 +133,7 @@ def _arrive(network: Network, now: Time) -> None:
         number = next_arrival(network, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _leave(network: Network, number: int, now: Time) -> None:
     """Have a frame end wherever it has arrived."""
     frame, noted, missed = network.frames[number], network.common[0].noted, True
@@ -152,7 +152,7 @@ def _leave(network: Network, number: int, now: Time) -> None:
     forget(network, number)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def jam_all(network: Network, powers_mw: Floats, at: Time, now: Time) -> None:
     """Have all stations receive *powers_mw*, shape (n,), of jammers from *at* on."""
     for address in range(len(powers_mw)):

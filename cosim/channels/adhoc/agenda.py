@@ -27,7 +27,7 @@ ORDER_BITS: Final = 48
 """Number of low bits of a rank that are the order of insertion; above them is the phase."""
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def push(network: Network, time: Time, phase: int, kind: int, who: int) -> int:
     """Have an event of that *kind* happen to *who*, a station or a frame; return its number."""
     common, agenda = network.common[0], network.agenda
@@ -48,7 +48,7 @@ def push(network: Network, time: Time, phase: int, kind: int, who: int) -> int:
     return order
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def drop_first(network: Network) -> None:
     """Take the first event off the agenda."""
     common, agenda = network.common[0], network.agenda
@@ -66,7 +66,7 @@ def drop_first(network: Network) -> None:
     agenda[at] = last
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _precedes(network: Network, one: int, other: int) -> bool:
     one_event, other_event = network.agenda[one], network.agenda[other]
     if one_event.time != other_event.time:

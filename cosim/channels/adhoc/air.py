@@ -11,7 +11,7 @@ from cosim.kernel import DELIVER
 from cosim.units import Time
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def new_frame(network: Network) -> int:
     """Return the number of a frame that is free."""
     common = network.common[0]
@@ -20,7 +20,7 @@ def new_frame(network: Network) -> int:
     return frame
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def begin(network: Network, number: int, now: Time) -> None:
     """Put frame *number*, which begins *now*, on the air."""
     common, frames = network.common[0], network.frames
@@ -40,7 +40,7 @@ def begin(network: Network, number: int, now: Time) -> None:
     common.last_begun = number
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def next_arrival(network: Network, now: Time) -> int:
     """Return the frame from the station of lowest address among those that begin to arrive *now*; NONE if none does."""
     common, frames = network.common[0], network.frames
@@ -67,7 +67,7 @@ def next_arrival(network: Network, now: Time) -> int:
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def without_row(network: Network, now: Time) -> int:
     """Return the sender of a frame that begins to arrive *now* and whose row is not known; NONE if there is none."""
     common, frames = network.common[0], network.frames
@@ -80,7 +80,7 @@ def without_row(network: Network, now: Time) -> int:
     return NONE
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def total_mw(network: Network, address: int) -> float:
     """Return the power of all frames that arrive at a station."""
     frames, total = network.frames, 0.0
@@ -91,7 +91,7 @@ def total_mw(network: Network, address: int) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def forget(network: Network, number: int) -> None:
     """Free frame *number*, which has arrived to its end everywhere."""
     common, frames = network.common[0], network.frames
@@ -112,7 +112,7 @@ def forget(network: Network, number: int) -> None:
     common.free_frame = number
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def leave_packet(network: Network, number: int) -> None:
     """Free packet *number* if nothing else uses it."""
     common, packet = network.common[0], network.packets[number]
@@ -122,7 +122,7 @@ def leave_packet(network: Network, number: int) -> None:
         common.free_packet = number
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def tell(network: Network, what: int, station: int, packet: int, right: bool) -> Record:
     """Tell the host of *station*, or the tables, what has happened; return the report for the rest of it."""
     common = network.common[0]
@@ -134,7 +134,7 @@ def tell(network: Network, what: int, station: int, packet: int, right: bool) ->
     return report
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def tell_frame(network: Network, what: int, station: int, number: int, right: bool, mw: float) -> Record:
     """Tell the same with all that is known of frame *number*; return the report."""
     frame = network.frames[number]

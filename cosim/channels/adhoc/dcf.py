@@ -39,7 +39,7 @@ BACKOFF: Final = 1
 # ---------------------------------------------------------------- back-off
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _draw(common: Record, station: Record, address: int, not_before: Time) -> None:
     """Draw a new back-off, whose slots count from *not_before* at the earliest (9.2.4)."""
     words = philox_words(station.drawn, 0, address, BACKOFF, common.key_0, common.key_1)
@@ -50,7 +50,7 @@ def _draw(common: Record, station: Record, address: int, not_before: Time) -> No
     station.pending = True
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _interrupt(common: Record, station: Record, sensed_at: Time) -> None:
     """Take off the slots that have ended before *sensed_at*, at which the medium is known to be busy."""
     over = sensed_at - station.counted_from
@@ -63,7 +63,7 @@ def _interrupt(common: Record, station: Record, sensed_at: Time) -> None:
 # ---------------------------------------------------------------- the queue
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def queue(network: Network, address: int, destination: int, form: Form, asks: bool, awaited: bool, now: Time) -> int:
     """Queue a packet, and send it as soon as what is before it is done and the medium allows; return its number.
 
@@ -91,7 +91,7 @@ def queue(network: Network, address: int, destination: int, form: Form, asks: bo
     return number
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def power(network: Network, address: int, on: bool, now: Time) -> None:
     """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
     station = network.stations[address]
@@ -111,7 +111,7 @@ def power(network: Network, address: int, on: bool, now: Time) -> None:
         station.sending = NONE
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def matters(network: Network, now: Time) -> bool:
     """Return whether a frame is on the air, or a station has something to send: payload, answer, or back-off."""
     common = network.common[0]
@@ -123,7 +123,7 @@ def matters(network: Network, now: Time) -> bool:
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _take_first(network: Network, station: Record) -> None:
     number = station.first
     station.first = network.packets[number].next
@@ -131,7 +131,7 @@ def _take_first(network: Network, station: Record) -> None:
     leave_packet(network, number)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _finish(network: Network, address: int, acknowledged: bool, after: Time, now: Time) -> None:
     common, station = network.common[0], network.stations[address]
     if network.packets[station.first].awaited:
@@ -143,7 +143,7 @@ def _finish(network: Network, address: int, acknowledged: bool, after: Time, now
     _end_exchange(network, address, after, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _fail(network: Network, address: int, now: Time) -> None:
     """Try the first of the queue again after a longer back-off, or drop it (9.2.5.3)."""
     common, station = network.common[0], network.stations[address]
@@ -161,7 +161,7 @@ def _fail(network: Network, address: int, now: Time) -> None:
     _end_exchange(network, address, after, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _end_exchange(network: Network, address: int, after: Time, now: Time) -> None:
     station = network.stations[address]
     station.exchanging = False
@@ -172,7 +172,7 @@ def _end_exchange(network: Network, address: int, after: Time, now: Time) -> Non
 # ---------------------------------------------------------------- access to the medium
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def contend(network: Network, address: int, now: Time) -> None:
     """Schedule the instant at which to send, or at which the back-off ends, if the medium stays idle."""
     common, station = network.common[0], network.stations[address]
@@ -194,7 +194,7 @@ def contend(network: Network, address: int, now: Time) -> None:
         station.ends_event = push(network, station.ends, AIR, MAY_SEND, address)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def may_send(network: Network, address: int, now: Time) -> None:
     """Send what the station has waited to send, if anything."""
     common, station = network.common[0], network.stations[address]
@@ -211,7 +211,7 @@ def may_send(network: Network, address: int, now: Time) -> None:
         send_data(network, address, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _defer(network: Network, address: int, sensed_at: Time, now: Time) -> None:
     """Stop counting while the medium is busy, known from *sensed_at* on; a station that is due before sends."""
     common, station = network.common[0], network.stations[address]
@@ -227,7 +227,7 @@ def _defer(network: Network, address: int, sensed_at: Time, now: Time) -> None:
 # ---------------------------------------------------------------- sending
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def send_data(network: Network, address: int, now: Time) -> None:
     """Send the first of the queue."""
     common, number = network.common[0], network.stations[address].first
@@ -236,7 +236,7 @@ def send_data(network: Network, address: int, now: Time) -> None:
     _transmit(network, address, DATA, packet.destination, packet.form, rest, packet.number, number, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def answer(network: Network, address: int, now: Time) -> None:
     """Send the answer that is owed, an ACK or a CTS."""
     common, station = network.common[0], network.stations[address]
@@ -245,7 +245,7 @@ def answer(network: Network, address: int, now: Time) -> None:
     _transmit(network, address, station.answer_kind, to, form, reserves, number, NONE, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _transmit(
     network: Network,
     address: int,
@@ -272,7 +272,7 @@ def _transmit(
     begin(network, sending, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def sent(network: Network, address: int, now: Time) -> None:
     """Go on after the end of what the station has sent: wait for an answer, or for the next turn."""
     common, station = network.common[0], network.stations[address]
@@ -289,7 +289,7 @@ def sent(network: Network, address: int, now: Time) -> None:
         contend(network, address, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def give_up(network: Network, address: int, now: Time) -> None:
     """Fail as no response has come, unless a frame is being received, which may be one."""
     station = network.stations[address]
@@ -301,14 +301,14 @@ def give_up(network: Network, address: int, now: Time) -> None:
 # ---------------------------------------------------------------- receiving
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def energy_begins(network: Network, address: int, number: int, mw: float, now: Time) -> None:
     """Note that a frame begins to arrive with *mw*."""
     if begins(network, address, number, mw, now) and network.stations[address].sending == NONE:
         _defer(network, address, now + network.common[0].cca, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def energy_ends(network: Network, address: int, number: int, now: Time) -> bool:
     """Note that a frame has arrived to its end; return whether it was received."""
     station = network.stations[address]
@@ -327,7 +327,7 @@ def energy_ends(network: Network, address: int, number: int, now: Time) -> bool:
     return received == RIGHT
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def jam(network: Network, address: int, mw: float, at: Time, now: Time) -> None:
     """Receive *mw* of jammers from *at* on, which is in the past only for a station at rest."""
     common, station = network.common[0], network.stations[address]
@@ -340,7 +340,7 @@ def jam(network: Network, address: int, mw: float, at: Time, now: Time) -> None:
         contend(network, address, now)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _take(network: Network, address: int, number: int, mw: float, now: Time) -> bool:
     """Act on a frame that has been received; return whether it is the response that was awaited."""
     common, station, frame = network.common[0], network.stations[address], network.frames[number]
@@ -361,7 +361,7 @@ def _take(network: Network, address: int, number: int, mw: float, now: Time) -> 
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _respond(network: Network, address: int, kind: int, frame: Record, reserves: Time, now: Time) -> None:
     station = network.stations[address]
     station.answer_kind, station.answer_to = kind, frame.source
@@ -370,7 +370,7 @@ def _respond(network: Network, address: int, kind: int, frame: Record, reserves:
     push(network, station.act, AIR, ANSWER, address)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _go_on(network: Network, address: int, now: Time) -> None:
     """Go on with the exchange: the awaited response has come."""
     common, station = network.common[0], network.stations[address]

@@ -49,12 +49,12 @@ _COIN: Final = -0.6931471805599453
 _DQPSK: Final = (math.sqrt(2.0) + 1.0) / math.sqrt(8.0 * math.pi * math.sqrt(2.0))
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _dbpsk(sinr: float) -> float:
     return elementary.log1p(-0.5 * elementary.exp(-22.0 * sinr))
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _dqpsk(sinr: float) -> float:
     g = 11.0 * sinr
     return elementary.log1p(-min(0.5, _DQPSK * elementary.exp(-(2.0 - math.sqrt(2.0)) * g) / math.sqrt(g)))
@@ -105,7 +105,7 @@ def _cck_table(bs: Floats) -> Floats:
     return table
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _cck(gain: float, sinr: float, table: Floats) -> float:
     """Return a quarter of the logarithm for four bits, b^2 = *gain* *sinr*; a cubic through the nearest entries."""
     b = math.sqrt(gain * sinr)
@@ -141,7 +141,7 @@ _THREE_QUARTERS: Final = (
 )
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _coded(share: float, scale: float, code: tuple[float, int, int, tuple[float, ...]], sinr: float) -> float:
     """Return the logarithm for a bit that is wrong with the probability p before decoding, of *share* and *scale*.
 
@@ -167,7 +167,7 @@ CCK_KBPS: Final = (5500, 11000)
 _RATES_KBPS: Final = (1000, 2000, *CCK_KBPS, 6000, 9000, 12000, 18000, 24000, 36000, 48000, 54000)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def log_bit(rate_kbps: int, sinr: float, table: Floats) -> float:
     """Return the natural logarithm of the probability that a bit at *rate_kbps* is right, at a ratio *sinr*.
 

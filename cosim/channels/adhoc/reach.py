@@ -146,7 +146,7 @@ class Reach:
 # ---------------------------------------------------------------- kernels
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _write_rows(
     places: Places,
     losses: Losses | None,
@@ -164,7 +164,7 @@ def _write_rows(
         ends[at] = end
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _write_row(
     places: Places,
     losses: Losses | None,
@@ -203,7 +203,7 @@ def _write_row(
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _mark_near(places: Places, source: int, limit_m: float) -> None:
     """Note all in cells that are within *limit_m* of *source*."""
     x, y = places.positions_m[source, 0] - places.x_m, places.positions_m[source, 1] - places.y_m
@@ -214,7 +214,7 @@ def _mark_near(places: Places, source: int, limit_m: float) -> None:
             places.near[places.member[slot]] = True
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _cells(middle: float, limit: float, cell: float, count: int) -> tuple[int, int]:
     """Return the first and the last of *count* cells in a row that are within *limit* of *middle*."""
     low, high = (middle - limit) / cell - _PAD, (middle + limit) / cell + _PAD

@@ -29,7 +29,7 @@ WRONG: Final = 1
 RIGHT: Final = 2
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def energy(network: Network, address: int) -> bool:
     """Return whether the medium is busy with what others send: much energy, or a frame that is followed."""
     common, station = network.common[0], network.stations[address]
@@ -40,7 +40,7 @@ def energy(network: Network, address: int) -> bool:
     return bool(station.jammers_mw + total_mw(network, address) >= common.busy_mw)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def is_calm(network: Network, address: int, more_mw: float) -> bool:
     """Return whether a station follows no frame and, if signals fade, finds the medium idle with *more_mw* as well.
 
@@ -52,7 +52,7 @@ def is_calm(network: Network, address: int, more_mw: float) -> bool:
     return bool(station.jammers_mw + (total_mw(network, address) + more_mw) < common.busy_mw)  # 0 if they do not fade
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def begins(network: Network, address: int, number: int, mw: float, now: Time) -> bool:
     """Note that a frame begins to arrive; a station that sends follows none. Return whether silence ends."""
     common, station = network.common[0], network.stations[address]
@@ -74,7 +74,7 @@ def begins(network: Network, address: int, number: int, mw: float, now: Time) ->
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _takes_over(network: Network, station: Record, address: int, mw: float, now: Time) -> bool:
     """Return whether a frame that begins is followed from now on."""
     followed = station.followed
@@ -84,7 +84,7 @@ def _takes_over(network: Network, station: Record, address: int, mw: float, now:
     return bool(early and mw >= network.common[0].capture * network.powers_mw[followed, address])
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def ends(network: Network, address: int, number: int, now: Time) -> int:
     """Note that a frame ends; return RIGHT if it was received, WRONG if with errors, IGNORED if it was not followed."""
     common, station, frame = network.common[0], network.stations[address], network.frames[number]
@@ -99,7 +99,7 @@ def ends(network: Network, address: int, number: int, now: Time) -> int:
     return RIGHT if right and frame.whole else WRONG
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def disturb(network: Network, address: int, mw: float, at: Time) -> bool:
     """Note the power of jammers from *at* on; return whether silence begins or ends then.
 
@@ -118,7 +118,7 @@ def disturb(network: Network, address: int, mw: float, at: Time) -> bool:
     return energy(network, address) != was_busy
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _spoil(station: Record, until: Time) -> None:
     """Spoil the frame that is followed if a jammer has been there before *until*."""
     if station.jammed_from < until:
@@ -128,7 +128,7 @@ def _spoil(station: Record, until: Time) -> None:
 # ---------------------------------------------------------------- errors
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def note_level(network: Network, address: int, now: Time) -> None:
     """Note how much stronger than all else the frame that is followed is from now on."""
     common, station = network.common[0], network.stations[address]
@@ -142,7 +142,7 @@ def note_level(network: Network, address: int, now: Time) -> None:
     station.level_from = since
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _add_errors(station: Record, form: Record, until: Time, cck: Floats) -> None:
     """Add the chance of no error in the part of a frame since the last change, up to *until*."""
     since = station.level_from
@@ -156,7 +156,7 @@ def _add_errors(station: Record, form: Record, until: Time, cck: Floats) -> None
             station.log_chance += bits * overlap / (end - begin) * log_bit(kbps, station.level, cck)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _is_right(network: Network, address: int, number: int) -> bool:
     """Draw whether a frame that was followed to its end arrives without errors."""
     common, station, frame = network.common[0], network.stations[address], network.frames[number]

@@ -16,7 +16,7 @@ from tests.mutants import Mutant, drawn_mutants, is_found
 PACKAGE = "cosim.channels.adhoc"
 KERNELS = ("advance", "agenda", "air", "dcf", "errors", "reach", "reception")
 TESTS = (
-    *("test_room", "test_dcf_equals_oracle", "test_phy_errors", "test_channel", "test_reach", "test_reception"),
+    *("test_dcf_equals_oracle", "test_room", "test_phy_errors", "test_channel", "test_reach", "test_reception"),
     "test_jamming_adhoc",
 )
 FIRST = (*(f"tests/channels/adhoc/{name}.py" for name in TESTS), "-m", "not soak")
