@@ -17,7 +17,7 @@ from cosim.observation import Sighting
 from cosim.robots.sense_kernels import BLIND, Room, see
 from cosim.world.sight import lines_of_sight, seen_by_each
 
-_IN_SIGHT: Final = 32
+_IN_SIGHT: Final = 128
 """Number of others in sight of each robot for which there is room at first."""
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
