@@ -33,12 +33,19 @@ class Picture(Protocol):
     def sightings(self) -> tuple[Sighting, ...]:
         """Where they are seen, in the same order."""
 
+    def around(self, x_m: float, y_m: float, reach_m: float) -> Sequence[Sighting]:
+        """Return those of them that are nearer than *reach_m* to a place of the robot's frame, in the same order."""
+
 
 class Seen(NamedTuple):
     """A picture that has been made."""
 
     visible: tuple[int, ...] = ()
     sightings: tuple[Sighting, ...] = ()
+
+    def around(self, x_m: float, y_m: float, reach_m: float) -> Sequence[Sighting]:
+        """Return the sightings that are nearer than *reach_m* to a place, in their order."""
+        return [each for each in self.sightings if (each[1] - x_m) ** 2 + (each[2] - y_m) ** 2 < reach_m * reach_m]
 
 
 NOBODY: Final = Seen()

@@ -66,8 +66,8 @@ class Avoider:
     def observe(self, observation: Observation, now: Time) -> None:
         """Turn from what is close ahead, or drive on."""
         beams, ranges_m = self._beams, observation.ranges_m
-        close = np.where(ranges_m < beams.range_m, 1.0 - ranges_m / beams.range_m, 0.0)
-        x, y = float(close @ beams.x) / len(close), float(close @ beams.y) / len(close)
+        close = np.maximum(1.0 - ranges_m / beams.range_m, 0.0)
+        x, y = float(close.dot(beams.x)) / len(close), float(close.dot(beams.y)) / len(close)
         bearing = math.remainder(math.atan2(y, x) - observation.heading_rad, math.tau)
         if math.hypot(x, y) < NOTICED or abs(bearing) > BEHIND_RAD:
             self._motion.append(Drive(SPEED_MPS, 0.0))

@@ -238,10 +238,15 @@ def scan_walls(grid: SegmentGrid, x: float, y: float, angle: float, ways: Floats
     meet, which takes a small part of the time of casting each ray.
     """
     first[:] = math.inf
+    looked_at = np.zeros(grid.walls_m.shape[0], np.bool_)  # a long wall is listed in many cells
     low_x, high_x, low_y, high_y = cells_near(grid, x, y, x, y, limit)
     for iy in range(low_y, high_y):
         for slot in range(grid.first[iy * grid.nx + low_x], grid.first[iy * grid.nx + high_x]):
-            x1, y1, x2, y2 = grid.walls_m[grid.member[slot]]
+            wall = grid.member[slot]
+            if looked_at[wall]:
+                continue
+            looked_at[wall] = True
+            x1, y1, x2, y2 = grid.walls_m[wall]
             if _to_segment(x, y, x1, y1, x2, y2)[0] > limit * limit * (1.0 + _PAD):
                 continue
             start = elementary.atan2(y1 - y, x1 - x)

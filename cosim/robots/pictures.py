@@ -6,18 +6,18 @@ it does not matter when, or if, a picture is made.
 
 from collections.abc import Collection, Sequence
 from functools import cached_property
-from itertools import pairwise, repeat
+from itertools import repeat
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from cosim.arrays import Floats
+from cosim.arrays import Floats, Int64s
 from cosim.geometry.segments import PackedWalls
 from cosim.observation import Sighting
 from cosim.robots.sense_kernels import BLIND, Room, see
 from cosim.world.sight import lines_of_sight, seen_by_each
 
-_IN_SIGHT: Final = 32
+_IN_SIGHT: Final = 128
 """Number of others in sight of each robot for which there is room at first."""
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
@@ -25,13 +25,14 @@ _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a thi
 class TeamPicture(Protocol):
     """What all robots see at one tick."""
 
-    @property
-    def visible(self) -> Sequence[tuple[int, ...]]:
-        """Whom each robot sees."""
+    def visible(self, robot: int) -> tuple[int, ...]:
+        """Return whom *robot* sees."""
 
-    @property
-    def sightings(self) -> Sequence[tuple[Sighting, ...]]:
-        """Whom each robot sees, and where."""
+    def sightings(self, robot: int) -> tuple[Sighting, ...]:
+        """Return whom *robot* sees, and where."""
+
+    def around(self, robot: int, x_m: float, y_m: float, reach_m: float) -> Sequence[Sighting]:
+        """Return those whom *robot* sees nearer than *reach_m* to a place."""
 
 
 class OnePicture(NamedTuple):
@@ -43,12 +44,16 @@ class OnePicture(NamedTuple):
     @property
     def visible(self) -> tuple[int, ...]:
         """Whom the robot sees."""
-        return self.team.visible[self.robot]
+        return self.team.visible(self.robot)
 
     @property
     def sightings(self) -> tuple[Sighting, ...]:
         """Whom the robot sees, and where."""
-        return self.team.sightings[self.robot]
+        return self.team.sightings(self.robot)
+
+    def around(self, x_m: float, y_m: float, reach_m: float) -> Sequence[Sighting]:
+        """Return those whom the robot sees nearer than *reach_m* to a place."""
+        return self.team.around(self.robot, x_m, y_m, reach_m)
 
 
 def pictures(team: TeamPicture, size: int) -> list[OnePicture]:
@@ -65,6 +70,8 @@ class Cameras:
         self._poses = poses.copy()
         self._room: Room = self._poses, limits, numbers, members
         self._tick = tick
+        self._sightings: dict[int, tuple[Sighting, ...]] = {}
+        """What robots have asked for."""
 
     def without(self, robot: int) -> "Cameras":
         """Return the same, but that *robot* has seen nothing."""
@@ -73,29 +80,42 @@ class Cameras:
         return other
 
     @cached_property
-    def _found(self) -> tuple[list[tuple[int, int]], list[int], list[float], list[float]]:
-        """Which of those seen are whose, and all that are seen, robot by robot: who, and where."""
+    def _found(self) -> tuple[list[int], Int64s, Floats]:
+        """All that are seen, robot by robot: where the share of each begins or ends, who (k,), and where (2, k)."""
         count = len(self._poses)
         ends, room = np.empty(count + 1, np.int64), min(count, _IN_SIGHT) * count
         while True:
             others, places = np.empty(room, np.int64), np.empty((2, room))
             seen = see(*self._room, self._tick, ends, others, places)
             if seen <= room:
-                return list(pairwise(ends.tolist())), others[:seen].tolist(), *places[:, :seen].tolist()
+                return ends.tolist(), others, places
             room = seen
 
-    @cached_property
-    def visible(self) -> list[tuple[int, ...]]:
-        """Whom each robot sees."""
-        shares, others, _, _ = self._found
-        return [tuple(others[begin:end]) for begin, end in shares]
+    def visible(self, robot: int) -> tuple[int, ...]:
+        """Return whom *robot* sees."""
+        ends, others, _ = self._found
+        return tuple(others[ends[robot] : ends[robot + 1]].tolist())
 
-    @cached_property
-    def sightings(self) -> list[tuple[Sighting, ...]]:
-        """Whom each robot sees, and where."""
-        shares, *seen = self._found
-        sightings = [_new(Sighting, other_there) for other_there in zip(*seen, strict=True)]
-        return [tuple(sightings[begin:end]) for begin, end in shares]
+    def sightings(self, robot: int) -> tuple[Sighting, ...]:
+        """Return whom *robot* sees, and where: the same object whenever it is asked."""
+        seen = self._sightings.get(robot)
+        if seen is None:
+            ends, others, places = self._found
+            share = slice(ends[robot], ends[robot + 1])
+            seen = self._sightings[robot] = tuple(_sightings(others[share], places[:, share]))
+        return seen
+
+    def around(self, robot: int, x_m: float, y_m: float, reach_m: float) -> list[Sighting]:
+        """Return those whom *robot* sees nearer than *reach_m* to a place: of the others nothing is made."""
+        ends, others, places = self._found
+        share = slice(ends[robot], ends[robot + 1])
+        dx, dy = places[0, share] - x_m, places[1, share] - y_m
+        near = np.flatnonzero(dx * dx + dy * dy < reach_m * reach_m) + ends[robot]
+        return _sightings(others[near], places[:, near]) if len(near) else []
+
+
+def _sightings(others: Int64s, places: Floats) -> list[Sighting]:
+    return list(map(_new, repeat(Sighting), zip(others.tolist(), *places.tolist(), strict=True)))
 
 
 class Sightlines:
@@ -107,13 +127,19 @@ class Sightlines:
         self._blind = list(blind)
 
     @cached_property
-    def visible(self) -> list[tuple[int, ...]]:
-        """Whom each robot sees."""
+    def _visible(self) -> list[tuple[int, ...]]:
         seen = lines_of_sight(*self._seen_from)
         seen[self._blind] = False
         return seen_by_each(seen)
 
-    @cached_property
-    def sightings(self) -> list[tuple[Sighting, ...]]:
-        """Nobody: where they are is not seen."""
-        return [()] * len(self._seen_from[1])
+    def visible(self, robot: int) -> tuple[int, ...]:
+        """Return whom *robot* sees."""
+        return self._visible[robot]
+
+    def sightings(self, robot: int) -> tuple[Sighting, ...]:
+        """Return nobody: where they are is not seen."""
+        return ()
+
+    def around(self, robot: int, x_m: float, y_m: float, reach_m: float) -> tuple[Sighting, ...]:
+        """Return nobody."""
+        return ()

@@ -323,20 +323,22 @@ def scan(
     tick: int,
     robots: Int64s,
     ways: Floats,
+    turned: Floats,
     ranges: Floats,
 ) -> None:
     """Write how far off each beam of each of *robots* seems to meet a wall or body, *ranges* (robots, beams); else inf.
 
-    Beams are in turn of the robot's own frame. *ways* (beams, 2) is scratch.
+    Beams are in turn of the robot's own frame. *ways* (beams, 2) are kept from call to call: those of a frame that is
+    *turned* (1,) so far, NaN for none.
     """
     limit, count = limits[BEAM_RANGE], ways.shape[0]
     grid, cells = unpacked(numbers, members), _sorted_into_cells(poses, limit)
-    apart, turned = 2.0 * math.pi / count, math.inf
+    apart = 2.0 * math.pi / count
     for row in range(robots.shape[0]):
         i, first = robots[row], ranges[row]
         angle = poses[i, HEADING] - poses[i, OWN_HEADING]
-        if angle != turned:  # all who know the world's frame have the same
-            turned = angle
+        if angle != turned[0]:  # all who know the world's frame have the same, at all ticks
+            turned[0] = angle
             for k in range(count):
                 way = angle + k * apart
                 ways[k, 0], ways[k, 1] = limit * elementary.cos(way), limit * elementary.sin(way)

@@ -179,7 +179,7 @@ class _Scanner:
 
     def __init__(self, room: Room, beams: int) -> None:
         self._room = room
-        self._ways = np.empty((beams, 2))
+        self._ways, self._turned = np.empty((beams, 2)), np.array([math.nan])
         self._tick = 0
         self._scanned: set[int] = set()
         """Who has been scanned for at this tick."""
@@ -204,7 +204,7 @@ class _Scanner:
             robots = [*self._expected] if expected else [robot]
             self._scanned.update(robots)
             scans = np.empty((len(robots), len(self._ways)))
-            scan(*self._room, self._tick, np.array(robots), self._ways, scans)
+            scan(*self._room, self._tick, np.array(robots), self._ways, self._turned, scans)
             self._scans.update(zip(robots, scans, strict=True))
             ranges = self._scans.pop(robot)
         return ranges

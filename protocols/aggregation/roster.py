@@ -11,7 +11,7 @@ from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.units import S, Time
 from protocols.aggregation.course import Course, course_of
-from protocols.aggregation.frames import COUNTS, following
+from protocols.aggregation.frames import COUNTS, following, instant
 from protocols.aggregation.messages import Plans
 
 LEAVES = 3
@@ -126,9 +126,8 @@ class Membership:
     def learn(self, sender: Address, message: Plans, now: Time) -> None:
         """Store the plans of *sender*, a host: its own first, then those of its neighbours where they are newer."""
         for plan in message.plans:
-            course = course_of(plan, now)
             known = self.courses.get(plan.host)
-            if plan.host == sender or known is None or known.departed < course.departed:
-                self.courses[plan.host] = course
+            if plan.host == sender or known is None or known.departed < instant(plan.departed_ms, now):
+                self.courses[plan.host] = course_of(plan, now)
         if sender == self.host:
             self.plans = message.plans[0].version

@@ -8,7 +8,7 @@ never gives up; where no way leads to its goal it stands and plans again, after 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Final
 
 import cosim.elementary as elementary
@@ -20,7 +20,7 @@ from cosim.machine import Command, Drive, GoTo
 from cosim.navigation.status import Status
 from cosim.navigation.vfh import Vfh, VfhParameters
 from cosim.navigation.visbug import target_of, visbug_step
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Picture, Sighting
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import Ground
 from protocols.aggregation.parameters import WalkingParameters
@@ -393,26 +393,18 @@ class Near:
     def __init__(self, near_m: float) -> None:
         self._near_m = near_m
         self._kept_m = near_m + _KEPT_M
-        self._seen: tuple[Sighting, ...] = ()
-        self._kept: list[Sighting] = []
-        """Those of *_seen* that are near for a robot within ``_KEPT_M`` of where it was when it looked."""
+        self._picture: Picture | None = None
+        self._kept: Sequence[Sighting] = ()
+        """Those on *_picture* that are near for a robot within ``_KEPT_M`` of where it was when it looked."""
         self._looked_m: Point = (math.inf, math.inf)
 
     def look(self, observation: Observation) -> list[Sighting]:
         """Return the sightings that are near now, in their order."""
-        seen = observation.sightings
-        if not seen:
-            return []
-        here = observation.x_m, observation.y_m
-        if seen is not self._seen or not math.dist(here, self._looked_m) < _ROAM_M:
-            self._seen, self._looked_m = seen, here
-            self._kept = self._within(seen, here, self._kept_m)
-        return self._within(self._kept, here, self._near_m) if self._kept else []
-
-    @staticmethod
-    def _within(seen: Iterable[Sighting], here: Point, reach_m: float) -> list[Sighting]:
-        dist = math.dist
-        return [each for each in seen if dist(here, each[1:]) < reach_m]
+        dist, here = math.dist, (observation.x_m, observation.y_m)
+        if observation.picture is not self._picture or not dist(here, self._looked_m) < _ROAM_M:
+            self._picture, self._looked_m = observation.picture, here
+            self._kept = self._picture.around(*here, self._kept_m)
+        return [each for each in self._kept if dist(here, each[1:]) < self._near_m] if self._kept else []
 
 
 class Evasion:

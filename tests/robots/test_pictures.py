@@ -163,6 +163,11 @@ def check_picture(scene: Scene, observation: Observation, pictured: Truth, robot
     assert tuple(each.address for each in observation.sightings) == tuple(expected)
     places = [place for _, *xy in observation.sightings for place in xy]
     assert places == pytest.approx([each for xy in expected.values() for each in xy], abs=1e-9)
+    x, y, reach_m = observation.x_m + 0.5, observation.y_m - 0.3, 2.0
+    near = [other for other, place in expected.items() if math.dist(place, (x, y)) < reach_m]
+    around = observation.picture.around(x, y, reach_m)
+    assert [each.address for each in around] == near
+    assert set(around) <= set(observation.sightings)
 
 
 @pytest.mark.parametrize("seed", range(16))
@@ -194,10 +199,10 @@ def test_what_is_asked_never_or_late_changes_nothing(seed: int) -> None:
 
 def test_of_many_in_sight_none_is_left_out() -> None:
     """More than there is room for at first."""
-    places = [(0.5 * (k % 8), 0.5 * (k // 8)) for k in range(64)]
+    places = [(0.5 * (k % 12), 0.5 * (k // 12)) for k in range(144)]
     grid = segment_grid(np.empty((0, 4)))
-    fleet = Fleet([BodySettings()] * 64, places, grid, TICK)
-    frames = [(0.0, 0.0, 0.0)] * 64
-    senses = Senses(SenseSettings(), packed_walls(grid), [0.2] * 64, frames, math.inf, TICK, Streams(1))
+    fleet = Fleet([BodySettings()] * 144, places, grid, TICK)
+    frames = [(0.0, 0.0, 0.0)] * 144
+    senses = Senses(SenseSettings(), packed_walls(grid), [0.2] * 144, frames, math.inf, TICK, Streams(1))
     for robot, observation in enumerate(senses.observe(fleet)):
         assert observation.sightings == tuple((k, *place) for k, place in enumerate(places) if k != robot)
