@@ -85,16 +85,22 @@ class Repeated(Handle):
         self._period = 0
 
     def _fire(self, _: simpy.Event) -> None:
-        kernel = self._kernel
-        kernel.phase = (self.time, self.priority)
-        kernel.executed += 1
+        kernel, environment = self._kernel, self.env
+        queue: list[Any] = environment._queue
         kernel._calling = True
-        self.callback()
-        period = self._period
-        if period:
-            self.time += period
-            self.callbacks = self._again.copy()
-            kernel._schedule(self.time, self.priority, self)
+        while True:
+            kernel.phase = (self.time, self.priority)
+            kernel.executed += 1
+            self.callback()
+            if not self._period:
+                break
+            self.time += self._period
+            again = (self.time, self.priority, next(environment._eid), self)
+            if kernel._soon or not queue or queue[0] < again:
+                self.callbacks = self._again.copy()
+                heappush(queue, again)
+                break
+            environment._now = self.time  # nothing comes before it: it does without the queue
         if kernel._soon:
             kernel._call_soon()
         kernel._calling = False
