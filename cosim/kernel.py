@@ -130,14 +130,13 @@ class Kernel:
         Raise :exc:`LocalProtocolError` if *time* lies in the past, or now but in a phase that is over, and
         :exc:`TypeError` if it is not an integer (a float clock would break every comparison of slots).
         """
-        time = index(time)
-        now = self.now
-        if time < now or (time == now and self.phase[0] == now and priority < self.phase[1]):
+        time, environment = index(time), self.environment
+        if (time, priority) < self.phase or time < environment._now:
             raise LocalProtocolError(
-                f"scheduled at {time} ns, priority {priority}, but it is {now} ns, phase {self.phase[1]}"
+                f"scheduled at {time} ns, priority {priority}, but it is {self.now} ns, phase {self.phase[1]}"
             )
         handle = Handle(self, time, priority, callback)
-        self._schedule(time, priority, handle)
+        heappush(environment._queue, (time, priority, next(environment._eid), handle))  # type: ignore[misc]
         return handle
 
     def after(self, delay: Time, callback: Callback, priority: int = DELIVER) -> Handle:
