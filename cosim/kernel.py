@@ -42,12 +42,12 @@ class Handle(simpy.Event):
     """A callback that waits in the queue of a :class:`Kernel`; made by ``at`` and ``after`` only."""
 
     __slots__ = ("_kernel", "callback", "priority", "time")
+    _ok = True
+    _value: Any = None
 
     def __init__(self, kernel: "Kernel", time: Time, priority: int, callback: Callback) -> None:
         self.env = kernel.environment
-        self.callbacks: Any = [self._fire]
-        self._ok = True
-        self._value: Any = None
+        self.callbacks: Any = [Handle._fire]
         self._kernel = kernel
         self.priority = priority
         self.callback = callback
@@ -58,7 +58,7 @@ class Handle(simpy.Event):
         if self.callbacks is not None:
             self.callbacks.clear()
 
-    def _fire(self, _: simpy.Event) -> None:
+    def _fire(self) -> None:
         kernel = self._kernel
         kernel.phase = (self.time, self.priority)
         kernel.executed += 1
@@ -72,19 +72,19 @@ class Handle(simpy.Event):
 class Repeated(Handle):
     """A callback that is called every so often; made by ``every`` only. It enters the queue anew, not a new event."""
 
-    __slots__ = ("_again", "_period")
+    __slots__ = ("_period",)
 
     def __init__(self, kernel: "Kernel", time: Time, priority: int, callback: Callback, period: Time) -> None:
         super().__init__(kernel, time, priority, callback)
+        self.callbacks = [Repeated._fire]
         self._period = period
-        self._again: list[Any] = [self._fire]
 
     def cancel(self) -> None:
         """Make sure that the callback is not called any more, also from inside of it."""
         super().cancel()
         self._period = 0
 
-    def _fire(self, _: simpy.Event) -> None:
+    def _fire(self) -> None:
         kernel, environment = self._kernel, self.env
         queue: list[Any] = environment._queue
         kernel._calling = True
@@ -97,7 +97,7 @@ class Repeated(Handle):
             self.time += self._period
             again = (self.time, self.priority, next(environment._eid), self)
             if kernel._soon or not queue or queue[0] < again:
-                self.callbacks = self._again.copy()
+                self.callbacks = [Repeated._fire]
                 heappush(queue, again)
                 break
             environment._now = self.time  # nothing comes before it: it does without the queue
