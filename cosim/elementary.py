@@ -245,13 +245,15 @@ def atan2(y: float, x: float) -> float:
     elif not 1e-290 < most < 1e290:  # so that no product is lost
         scale = 1e300 if most < 1.0 else 1e-300
         least, most = least * scale, most * scale
+    steep, back = abs(y) > abs(x), math.copysign(1.0, x) < 0.0
+    if least == 0.0:  # along an axis, as robots often go: what follows comes to the same
+        return math.copysign(_QUARTER[0] if steep else (_HALF[0] if back else 0.0), y)
     eighth = int(8.0 * (least / most) + 0.5)
     c = 0.125 * eighth
     t = (least - c * most) / (most + c * least)
     s = t * t
     small = t - t * s * (1 / 3 - s * (1 / 5 - s * (1 / 7 - s * (1 / 9 - s * (1 / 11 - s * (1 / 13))))))
     high, low = _EIGHTHS[eighth, 0], _EIGHTHS[eighth, 1] + small
-    steep, back = abs(y) > abs(x), math.copysign(1.0, x) < 0.0
     if steep or back:
         if not (steep and back):
             high, low = -high, -low

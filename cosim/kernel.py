@@ -42,12 +42,12 @@ class Handle(simpy.Event):
     """A callback that waits in the queue of a :class:`Kernel`; made by ``at`` and ``after`` only."""
 
     __slots__ = ("_kernel", "callback", "priority", "time")
+    _ok = True
+    _value: Any = None
 
     def __init__(self, kernel: "Kernel", time: Time, priority: int, callback: Callback) -> None:
         self.env = kernel.environment
-        self.callbacks: Any = [self._fire]
-        self._ok = True
-        self._value: Any = None
+        self.callbacks: Any = [Handle._fire]
         self._kernel = kernel
         self.priority = priority
         self.callback = callback
@@ -58,7 +58,7 @@ class Handle(simpy.Event):
         if self.callbacks is not None:
             self.callbacks.clear()
 
-    def _fire(self, _: simpy.Event) -> None:
+    def _fire(self) -> None:
         kernel = self._kernel
         kernel.phase = (self.time, self.priority)
         kernel.executed += 1
@@ -72,29 +72,35 @@ class Handle(simpy.Event):
 class Repeated(Handle):
     """A callback that is called every so often; made by ``every`` only. It enters the queue anew, not a new event."""
 
-    __slots__ = ("_again", "_period")
+    __slots__ = ("_period",)
 
     def __init__(self, kernel: "Kernel", time: Time, priority: int, callback: Callback, period: Time) -> None:
         super().__init__(kernel, time, priority, callback)
+        self.callbacks = [Repeated._fire]
         self._period = period
-        self._again: list[Any] = [self._fire]
 
     def cancel(self) -> None:
         """Make sure that the callback is not called any more, also from inside of it."""
         super().cancel()
         self._period = 0
 
-    def _fire(self, _: simpy.Event) -> None:
-        kernel = self._kernel
-        kernel.phase = (self.time, self.priority)
-        kernel.executed += 1
+    def _fire(self) -> None:
+        kernel, environment = self._kernel, self.env
+        queue: list[Any] = environment._queue
         kernel._calling = True
-        self.callback()
-        period = self._period
-        if period:
-            self.time += period
-            self.callbacks = self._again.copy()
-            kernel._schedule(self.time, self.priority, self)
+        while True:
+            kernel.phase = (self.time, self.priority)
+            kernel.executed += 1
+            self.callback()
+            if not self._period:
+                break
+            self.time += self._period
+            again = (self.time, self.priority, next(environment._eid), self)
+            if kernel._soon or not queue or queue[0] < again:
+                self.callbacks = [Repeated._fire]
+                heappush(queue, again)
+                break
+            environment._now = self.time  # nothing comes before it: it does without the queue
         if kernel._soon:
             kernel._call_soon()
         kernel._calling = False
@@ -124,14 +130,13 @@ class Kernel:
         Raise :exc:`LocalProtocolError` if *time* lies in the past, or now but in a phase that is over, and
         :exc:`TypeError` if it is not an integer (a float clock would break every comparison of slots).
         """
-        time = index(time)
-        now = self.now
-        if time < now or (time == now and self.phase[0] == now and priority < self.phase[1]):
+        time, environment = index(time), self.environment
+        if (time, priority) < self.phase or time < environment._now:
             raise LocalProtocolError(
-                f"scheduled at {time} ns, priority {priority}, but it is {now} ns, phase {self.phase[1]}"
+                f"scheduled at {time} ns, priority {priority}, but it is {self.now} ns, phase {self.phase[1]}"
             )
         handle = Handle(self, time, priority, callback)
-        self._schedule(time, priority, handle)
+        heappush(environment._queue, (time, priority, next(environment._eid), handle))  # type: ignore[misc]
         return handle
 
     def after(self, delay: Time, callback: Callback, priority: int = DELIVER) -> Handle:

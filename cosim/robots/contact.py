@@ -29,6 +29,8 @@ CELL_SLACK: Final = 1e-6
 """Share by which cells are wider than they need to be, more than rounding loses."""
 LEAST_SIDE_M: Final = 1e-3
 """Least side of a cell, where all discs are points at rest."""
+FEW: Final = 16
+"""The most discs of which all pairs are compared: cells would cost more than they save."""
 
 
 @njit(cache=True)
@@ -122,7 +124,14 @@ def _could_touch(table: Floats, i: int, j: int) -> bool:
 def pairs_near(table: Floats) -> Int64s:
     """Return the pairs i < j, shape (count, 2), rising, that could touch with their full ways."""
     discs = table.shape[1]
-    found, count = np.empty((16, 2), np.int64), 0
+    found, count = np.empty((FEW * (FEW - 1) // 2, 2), np.int64), 0
+    if discs <= FEW:
+        for i in range(discs):
+            for j in range(i + 1, discs):
+                if _could_touch(table, i, j):
+                    found[count, 0], found[count, 1] = i, j
+                    count += 1
+        return found[:count]
     low_x, low_y, side, nx, ny = _cells(table)
     cell, first, member = _sorted_into_cells(table, low_x, low_y, side, nx, ny)
     for i in range(discs):

@@ -282,9 +282,8 @@ def chord(heading: float, way: float, turn: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: Int32s) -> float:
-    gone = 0.0
+    gone = _settle(table)
     for i in range(table.shape[1]):
-        gone += _settle(table, i)
         positions[i, 0], positions[i, 1] = table[X, i], table[Y, i]
         if table[FROZEN, i]:
             table[DX, i], table[DY, i] = _brake(table, i)
@@ -304,16 +303,19 @@ def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: 
 
 
 @njit(cache=True)
-def _settle(table: Floats, i: int) -> float:
-    """End the interval: the pose is where its motion has led to. Return the way that it was."""
-    x, y = table[NEXT_X, i], table[NEXT_Y, i]
-    gone_x, gone_y = x - table[X, i], y - table[Y, i]
-    table[X, i], table[Y, i] = x, y
-    table[HEADING, i] = wrapped(table[HEADING, i] + table[TURN, i])
-    table[SPEED, i] = table[WAY, i] / table[SECONDS, i]
-    table[BLOCKED, i] = table[CUT, i]
-    table[ARRIVED, i] = max(table[ARRIVED, i], table[LANDING, i])
-    return math.sqrt(gone_x * gone_x + gone_y * gone_y)
+def _settle(table: Floats) -> float:
+    """End the interval: poses are where their motions have led to. Return the way that all have gone."""
+    gone = 0.0
+    for i in range(table.shape[1]):
+        x, y = table[NEXT_X, i], table[NEXT_Y, i]
+        gone_x, gone_y = x - table[X, i], y - table[Y, i]
+        gone += math.sqrt(gone_x * gone_x + gone_y * gone_y)
+        table[X, i], table[Y, i] = x, y
+        table[HEADING, i] = wrapped(table[HEADING, i] + table[TURN, i])
+        table[SPEED, i] = table[WAY, i] / table[SECONDS, i]
+        table[BLOCKED, i] = table[CUT, i]
+        table[ARRIVED, i] = max(table[ARRIVED, i], table[LANDING, i])
+    return gone
 
 
 @njit(cache=True)

@@ -173,11 +173,12 @@ class InquiryScanner:
 
     def _look(self, inquiry: "Inquiry", meeting: Meeting) -> None:
         """Check at the start of an ID that might be heard whether it is sent, and within reach."""
-        carrier = self._air.carrier(inquiry.address, self.address)
-        if inquiry.sends(self._kernel.now) and self._air.reaches(carrier):
+        start, carrier = self._kernel.now, self._air.carrier(inquiry.address, self.address)
+        if inquiry.sends(start) and self._air.reaches(carrier):
             channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick), inquiry.word)
-            frame = Frame(self._kernel.now, ID_AIR, "ID", inquiry.address, self.address, channel)
-            self._expected[inquiry] = self._kernel.after(ID_AIR, partial(self._hear, inquiry, meeting, frame, carrier))
+            frame = Frame(start, ID_AIR, "ID", inquiry.address, self.address, channel)
+            heard = partial(self._hear, inquiry, meeting, frame, carrier)
+            self._expected[inquiry] = self._kernel.at(start + ID_AIR, heard)
         else:
             self._expect(inquiry, meeting.tick + 1)
 
@@ -300,10 +301,10 @@ class Inquiry:
 
     def _settle(self) -> None:
         """Decide on the replies whose access code is over whether the receiver locks on them."""
+        if not self._unsettled:
+            return
         begun = self._kernel.now - ID_AIR
         ready = [reply for reply in self._unsettled if reply.frame.start <= begun]
-        if not ready:
-            return
         self._unsettled = [reply for reply in self._unsettled if reply not in ready]
         for reply in sorted(ready, key=_order):
             reply.lost = self._hindrance(reply)

@@ -362,7 +362,8 @@ class Air:
         start, end = frame.start, frame.start + frame.duration
         self.advance(end)
         if self._undisturbed(frame.source, receiver, start, end):
-            return self._by_noise(frame, receiver, carrier_dbm, bits, coded, first)
+            noise = self.noise
+            return GOOD if noise is None else _by_noise(noise, frame, receiver, carrier_dbm, bits, coded, first)
         self._put_sent()
         fate: int = mediums.judge(
             self.band.medium,
@@ -391,17 +392,6 @@ class Air:
             if begun < end and over > start and other not in (source, receiver):
                 return False
         return True
-
-    def _by_noise(
-        self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool, first: int
-    ) -> Fate:
-        """Return the fate of *frame* if nothing else is sent."""
-        if self.noise is None:
-            return GOOD
-        lost: int = mediums.broken(self.noise, frame.source, receiver, frame.start, carrier_dbm, bits, coded)
-        if lost < first or (lost > ACCESS_CODE and frame.duration <= ID_AIR):
-            return GOOD
-        return FATES[BIT_ERRORS + lost]
 
     @property
     def recorded(self) -> bool:
@@ -456,6 +446,16 @@ class Air:
         self.band = self.band._replace(medium=self.band.medium._replace(trains=records))
         self._trains = trains
         self._closing = min((train.end for train in trains), default=FOREVER) + 2 * LONGEST_FRAME
+
+
+def _by_noise(
+    noise: Noise, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool, first: int
+) -> Fate:
+    """Return the fate of *frame* if nothing else is sent."""
+    lost: int = mediums.broken(noise, frame.source, receiver, frame.start, carrier_dbm, bits, coded)
+    if lost < first or (lost > ACCESS_CODE and frame.duration <= ID_AIR):
+        return GOOD
+    return FATES[BIT_ERRORS + lost]
 
 
 @dataclass(slots=True)
