@@ -127,7 +127,7 @@ class Propagation:
 # ---------------------------------------------------------------- kernels
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _write_gains(
     positions: Floats,
     law: tuple[float, float, float, float],
@@ -146,7 +146,7 @@ def _write_gains(
             gains[i, j] = gains[j, i] = gain
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def gain_db(losses: Losses, i: int, j: int, ax: float, ay: float, bx: float, by: float) -> float:
     """Return what ``Propagation.gains_db`` does of robots *i* at a and *j* > *i* at b; a kernel for kernels."""
     gain: float = _gain_db(i, j, ax, ay, bx, by, losses.law, losses.key)
@@ -155,7 +155,7 @@ def gain_db(losses: Losses, i: int, j: int, ax: float, ay: float, bx: float, by:
     return gain
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _gain_db(
     i: int,
     j: int,
@@ -176,13 +176,13 @@ def _gain_db(
     return gain
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _place(x: float, y: float, cell: float) -> int:
     """Return the number of the square at (x, y), 32 bits; numbers repeat after 65536 squares."""
     return (math.floor(x / cell) & 0xFFFF) << 16 | math.floor(y / cell) & 0xFFFF
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _normal(words: tuple[int, int, int, int]) -> float:
     """Return a standard normal number from random *words* (Box and Muller's transform)."""
     radius = (words[0] + 0.5) * 2.0**-32

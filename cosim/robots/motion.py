@@ -242,20 +242,20 @@ def _write_limits(table: Floats, bodies: Sequence[BodySettings], seconds: float)
     table[SECONDS] = seconds
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def braking_way(distance: float, change: float) -> float:
     """Return the greatest way of the next tick from which one can stop within *distance*, losing *change* a tick."""
     ticks = max(1.0, math.ceil((math.sqrt(1.0 + 8.0 * distance / change) - 1.0) / 2.0))
     return distance / ticks + change * (ticks - 1.0) / 2.0
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def approach(distance: float, last: float, most: float, change: float) -> float:
     """Return the next way towards a goal *distance* ahead; *last* was the way before, negative if it led back."""
     return max(min(braking_way(distance, change), most, last + change), last - change)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def towards(wanted: float, last: float, change: float) -> float:
     """Return the way nearest to *wanted* that differs from *last* by no more than *change*."""
     slack = change * (1.0 + _ROUNDING)
@@ -264,7 +264,7 @@ def towards(wanted: float, last: float, change: float) -> float:
     return last + change if wanted > last else last - change
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def wrapped(angle: float) -> float:
     """Return *angle* (radians) in [-pi, pi]; an angle that lies there already is not changed."""
     if -math.pi <= angle <= math.pi:
@@ -272,7 +272,7 @@ def wrapped(angle: float) -> float:
     return elementary.atan2(elementary.sin(angle), elementary.cos(angle))
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def chord(heading: float, way: float, turn: float) -> tuple[float, float]:
     """Return the straight way (x, y) that joins the ends of an arc of length *way* that begins along *heading*."""
     half = 0.5 * turn
@@ -302,7 +302,7 @@ def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: 
     return gone
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _settle(table: Floats) -> float:
     """End the interval: poses are where their motions have led to. Return the way that all have gone."""
     gone = 0.0
@@ -318,7 +318,7 @@ def _settle(table: Floats) -> float:
     return gone
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _brake(table: Floats, i: int) -> tuple[float, float]:
     """Choose way and turn next to standing still; return the straight way of the tick."""
     table[LANDING, i] = 0.0
@@ -327,7 +327,7 @@ def _brake(table: Floats, i: int) -> tuple[float, float]:
     return chord(table[HEADING, i], table[WAY, i], table[TURN, i])
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _as_wanted(table: Floats, i: int) -> tuple[float, float]:
     """Choose way and turn next to what a ``Drive`` asked for; return the straight way of the tick."""
     way = min(max(table[WANTED_WAY, i], -table[MOST_WAY, i]), table[MOST_WAY, i])
@@ -337,7 +337,7 @@ def _as_wanted(table: Floats, i: int) -> tuple[float, float]:
     return chord(table[HEADING, i], table[WAY, i], table[TURN, i])
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _to_goal(table: Floats, i: int) -> tuple[float, float]:
     """Choose way and turn towards the goal of a ``GoTo``: stop, turn, then straight; return the way of the tick."""
     goal_x, goal_y = table[GOAL_X, i] - table[X, i], table[GOAL_Y, i] - table[Y, i]

@@ -102,7 +102,7 @@ def new_adapted(size: int) -> Adapted:
     return Adapted(np.zeros((size, 79), dtype=np.int64), np.zeros((size, 2, 79), dtype=np.int64))
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _channel(band: Band, adapted: Adapted | None, p: int, tick: int) -> int:
     """Return the channel on which the piconet of device *p* is at *tick*."""
     piconet = band.piconets[p]
@@ -114,7 +114,7 @@ def _channel(band: Band, adapted: Adapted | None, p: int, tick: int) -> int:
     return hop
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _assess(band: Band, adapted: Adapted | None, p: int, well: bool) -> None:
     """Count whether the idle pair under way went well on its channel, if the hop set is adapted."""
     if adapted is None:
@@ -123,7 +123,7 @@ def _assess(band: Band, adapted: Adapted | None, p: int, well: bool) -> None:
         adapted.tallies[p, 0 if well else 1, _channel(band, adapted, p, band.piconets[p, PAIR_TICK])] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _next_event(piconet: State, links: State) -> int:
     """Return twice the time at which something happens next in a piconet without payloads; plus 1 if a slot begins."""
     if piconet[STAGE]:
@@ -134,7 +134,7 @@ def _next_event(piconet: State, links: State) -> int:
     return NEVER if tick == NEVER else 2 * time_of(piconet, tick) + 1
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _poll(band: Band, noise: Noise | None, adapted: Adapted | None, p: int, alone: bool) -> int:
     """Start the next idle pair; return the fate of its POLL if it is known at once, else RECEIVED.
 
@@ -160,7 +160,7 @@ def _poll(band: Band, noise: Noise | None, adapted: Adapted | None, p: int, alon
     return RECEIVED
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _end(
     band: Band, noise: Noise | None, jammers: Jammers | None, adapted: Adapted | None, p: int, alone: bool, assess: bool
 ) -> int:
@@ -244,7 +244,7 @@ def advance(
 # ---------------------------------------------------------------- a piconet that is alone on the air
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _sure(band: Band, noise: Noise | None, p: int) -> int:
     """Return the links whose frames are all received, as bits: up on both sides, and too strong for noise."""
     links, power_dbm = band.links[p], band.medium.power_dbm
@@ -261,7 +261,7 @@ def _sure(band: Band, noise: Noise | None, p: int) -> int:
     return sure
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def run_alone(
     band: Band,
     noise: Noise | None,

@@ -149,7 +149,7 @@ def records(shape: int | tuple[int, ...], fields: "np.dtype[np.void]") -> Record
     return zeros if COMPILES else zeros.view(np.recarray)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def put(medium: Medium, source: int, start: int, end: int, channel: int) -> None:
     """Put a frame of *source* on the air."""
     sender = medium.senders[source]
@@ -159,7 +159,7 @@ def put(medium: Medium, source: int, start: int, end: int, channel: int) -> None
     sender.until = max(sender.until, end)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def heard_of(noise: Noise | None, carrier_dbm: float, least_db: float) -> bool:
     """Return whether a receiver notices a frame of this power at all: if it is *least_db*, at least, above noise."""
     if noise is None:
@@ -167,14 +167,14 @@ def heard_of(noise: Noise | None, carrier_dbm: float, least_db: float) -> bool:
     return carrier_dbm - noise.dbm >= least_db
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _weight(mode: int, apart: int) -> float:
     if mode == CO_CHANNEL:
         return 1.0 if apart == 0 else 0.0
     return WEIGHTS[min(abs(apart), 3)]
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _ids(train: Any, mode: int, channel: int, start: int, end: int) -> float:
     """Return the weights of the IDs of one train that overlap [start, end)."""
     first_start = max(start - ID_AIR + 1, train.since)
@@ -196,7 +196,7 @@ def _ids(train: Any, mode: int, channel: int, start: int, end: int) -> float:
         tick += 1
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _jam(jam: Any, mode: int, channel: int, start: int, end: int) -> float:
     """Return the weights of the channels that one jammer fills at some time of [start, end)."""
     total = 0.0
@@ -211,7 +211,7 @@ def _jam(jam: Any, mode: int, channel: int, start: int, end: int) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _interference_mw(
     medium: Medium, jammers: Jammers | None, source: int, receiver: int, channel: int, start: int, end: int
 ) -> float:
@@ -244,7 +244,7 @@ def _interference_mw(
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def broken(
     noise: Noise | None, source: int, receiver: int, start: int, carrier_dbm: float, bits: int, coded: bool
 ) -> int:
@@ -262,7 +262,7 @@ def broken(
     return failed_section(words[0], words[1], words[2], words[3], access, header, payload)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def judge(
     medium: Medium,
     noise: Noise | None,

@@ -104,21 +104,21 @@ def reset(piconet: State, links: State, t_poll_slots: int, phase: Time, ppm: int
     links[HERE, 0] = 1
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def time_of(piconet: State, tick: int) -> int:
     """Return the instant at which *tick* of the master's clock begins."""
     time: int = start_of(piconet[PHASE], piconet[PPM], tick)
     return time
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def first_slot_at(piconet: State, time: int) -> int:
     """Return the first TX slot that begins at or after *time*."""
     tick: int = tick_at(piconet[PHASE], piconet[PPM], time - 1)
     return (tick + 4) // 4 * 4
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _opening(links: State, k: int, time: int, need: int) -> int:
     """Return *time* if the device of column *k* is there for *need* ticks from then, else when it is next, or NEVER.
 
@@ -140,7 +140,7 @@ def _opening(links: State, k: int, time: int, need: int) -> int:
     return opening
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _anchor(links: State, k: int, tick: int) -> int:
     """Return the first tick from *tick* on at which the mode of link *k* lets a packet begin."""
     tick = max(tick, links[HELD_UNTIL, k])
@@ -153,7 +153,7 @@ def _anchor(links: State, k: int, tick: int) -> int:
     return first
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def open_slot(piconet: State, links: State, k: int, tick: int, slots: int) -> int:
     """Return the first TX slot from *tick* on for a packet of *slots* to link *k*, or to all (0), or NEVER.
 
@@ -177,7 +177,7 @@ def open_slot(piconet: State, links: State, k: int, tick: int, slots: int) -> in
     return NEVER
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _next_due(piconet: State, links: State, due: State, tick: int) -> tuple[int, int]:
     """Return (TX slot, link) of the next poll from *tick* on that is due: (NEVER, 0) without links."""
     best, when = 0, NEVER
@@ -194,7 +194,7 @@ def _next_due(piconet: State, links: State, due: State, tick: int) -> tuple[int,
     return when, best
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int, int]:
     """Return (TX slot, link) of the next pair from *tick* on, without LAZY's payloads; (NEVER, 0) without links.
 
@@ -217,7 +217,7 @@ def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int,
     return (due_when, due_link) if due_when <= when else (when, best)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def serve(piconet: State, links: State, tick: int, k: int) -> None:
     """Note that link *k* is addressed at *tick*."""
     if links[DUE, k] > tick:  # or else it has interrupted the turn of another
@@ -225,7 +225,7 @@ def serve(piconet: State, links: State, tick: int, k: int) -> None:
     links[DUE, k] = tick + piconet[T_POLL]
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _skip_periods(piconet: State, links: State, end: int) -> int:
     """Decide as many whole periods as end before *end*, and return the links polled, as bits.
 
@@ -257,7 +257,7 @@ def _skip_periods(piconet: State, links: State, end: int) -> int:
     return bits
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def skip(piconet: State, links: State, end: int, sure: int) -> None:
     """Decide TX slots before *end* (a TX slot), all of them idle, up to the first poll of a link that is not *sure*.
 

@@ -158,7 +158,7 @@ def _as_meeting(found: int) -> Meeting | None:
     return None if found < 0 else Meeting(found >> 1, bool(found & 1))
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _solve(x: int, block: int, koffset: int, tick: int, estimate: int, mask: int) -> int:
     """Return the first c >= *tick* at which a train in *block* with *koffset* has the phase *x*, or -1.
 
@@ -172,7 +172,7 @@ def _solve(x: int, block: int, koffset: int, tick: int, estimate: int, mask: int
     return tick + ((residue - tick - estimate) & 31)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _in_window(
     ph: int, pm: int, first: int, switch: int, k: int, est: int, mask: int, sph: int, spm: int, x: int, lo: int, hi: int
 ) -> int:
@@ -191,7 +191,7 @@ def _in_window(
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _next_meeting(
     ph: int,  # the transmitter's clock, its train...
     pm: int,
