@@ -171,6 +171,38 @@ def test_what_a_device_holds_and_sends_is_lost_when_it_goes_off(on_again: Time) 
     assert field.hosts[0].events == [Fate(9, Outcome.DELIVERED)]
 
 
+@pytest.mark.parametrize("off", [2_350 * US, 2_500 * US, 2_650 * US, 2_700 * US])
+@pytest.mark.parametrize("rest", [10 * US, 100 * MS])
+def test_a_device_that_is_on_again_begins_anew_whatever_it_was_about(off: Time, rest: Time) -> None:
+    """While an ACK is awaited that nobody sends, and in back-off: it finds the medium idle."""
+    field = Field((0, 0), (5, 0), (0, 5))
+    field.channel.power(2, False)
+    field.send_at(1 * MS, 0, 2)
+    field.kernel.at(off, lambda: field.channel.power(0, False))
+    field.kernel.at(off + rest, lambda: field.channel.power(0, True))
+    begun = off + rest + 100 * US
+    field.send_at(begun, 0, BROADCAST, 33)
+    field.send_at(begun + 20 * MS, 1, 0, 20)
+    field.send_at(begun + 40 * MS, 0, BROADCAST, 33)
+    field.kernel.run(S)
+    data = (192 + 8 * 56 + 1) * US  # with the preamble, and on the way
+    assert [(time, source, kind, outcome) for time, source, _, kind, outcome in field.rows() if time > off] == [
+        (begun, 0, "DATA", "received"),
+        (begun + 20 * MS, 1, "DATA", "received"),
+        (begun + 20 * MS + data + 10 * US, 0, "ACK", "received"),
+        (begun + 40 * MS, 0, "DATA", "received"),
+    ]
+
+
+def test_a_device_listens_for_difs_once_it_is_on() -> None:
+    field = Field((0, 0), (5, 0))
+    field.channel.power(0, False)
+    field.kernel.at(10 * MS, lambda: field.channel.power(0, True))
+    field.send_at(10 * MS + 10 * US, 0, BROADCAST)
+    field.kernel.run(S)
+    assert [time for time, *_ in field.rows()] == [10 * MS + 50 * US]
+
+
 def test_a_device_that_is_off_neither_hears_nor_answers() -> None:
     field = Field((0, 0), (5, 0), (0, 5))
     field.channel.power(1, False)
