@@ -60,6 +60,11 @@ class Mutant(NamedTuple):
     source: str
     """The whole module with the error."""
 
+    @property
+    def text(self) -> str:
+        """The line with the error, or the first of its lines."""
+        return self.source.splitlines()[self.line - 1].strip()
+
     def __str__(self) -> str:
         return f"{self.module}:{self.line}: {self.before!r} -> {self.after!r}"
 

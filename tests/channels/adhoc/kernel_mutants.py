@@ -2,11 +2,12 @@
 
     python -m tests.channels.adhoc.kernel_mutants [COUNT [SEED]]
 
-draws so many errors, 60 if not given, and says of each whether a test finds it, and of how many in all. What is missed
-either changes nothing that can be seen, or a test is missing.
+draws so many errors, 60 if not given, and says of each whether a test finds it, and of how many in all. Where one is
+missed, a test is missing; but for those which change nothing that can be seen, and stand here with the reason.
 """
 
 import sys
+from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,6 +24,16 @@ FIRST = (*(f"tests/channels/adhoc/{name}.py" for name in TESTS), "-m", "not soak
 THEN = ("tests/channels/adhoc/test_dcf_equals_oracle.py", "-m", "soak")
 """What only some more cases of the oracle find."""
 LIMIT_S = 600.0
+HARMLESS = {
+    "if overlap > 1:": "a part of a frame that lasts a nanosecond has next to no bit",
+    "after = 1 if common.bianchi_counting else common.difs": "what comes next waits for DIFS anyway",
+    "if last.time < agenda[low].time or (last.time == agenda[low].time and (last.rank <= agenda[low].rank)):": (
+        "no two events have one rank"
+    ),
+    "begin, link = frame.begin, frame.source << 17 | address": "other draws, as likely as these: pins differ",
+    "return (words[0] << 21 | words[2] >> 11) * 2.0**-53 < elementary.exp(station.log_chance)": "other draws, too",
+}
+"""Lines with an error of which no law of the radio says anything, and why."""
 
 
 def drawn(count: int, seed: int) -> list[Mutant]:
@@ -39,13 +50,16 @@ def found(mutant: Mutant, folder: Path) -> bool:
 
 def main(count: int = 60, seed: int = 1) -> None:
     """Draw errors, and print which are found."""
-    missed = 0
+    told: Counter[str] = Counter()
     with TemporaryDirectory() as folder:
         for mutant in drawn(count, seed):
-            right = found(mutant, Path(folder))
-            missed += not right
-            print("found " if right else "MISSED", mutant, flush=True)
-    print(f"{count - missed} of {count} errors found")
+            reason = HARMLESS.get(mutant.text)
+            said = "harmless" if reason else ("found" if found(mutant, Path(folder)) else "MISSED")
+            told[said] += 1
+            print(f"{said:8s} {mutant}", f"({reason})" if reason else "", flush=True)
+    print(
+        f"{told['found']} of {count - told['harmless']} errors found; {told['harmless']} more change nothing to be seen"
+    )
 
 
 if __name__ == "__main__":

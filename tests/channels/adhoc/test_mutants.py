@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.channels.adhoc.kernel_mutants import FIRST, PACKAGE, drawn
+from tests.channels.adhoc.kernel_mutants import FIRST, HARMLESS, KERNELS, PACKAGE, drawn
 from tests.checkout import ROOT
 from tests.mutants import is_found, mutants
 
@@ -37,6 +37,12 @@ def test_drawn_errors_are_sources_and_all_different() -> None:
     assert len({error.source for error in errors}) == 200
     for error in errors:
         ast.parse(error.source)
+
+
+def test_each_error_that_is_called_harmless_can_be_drawn() -> None:
+    folder = ROOT.joinpath(*PACKAGE.split("."))
+    every = {each.text for name in KERNELS for each in mutants(name, (folder / f"{name}.py").read_text("utf-8"))}
+    assert set(HARMLESS) <= every
 
 
 @pytest.mark.slow
