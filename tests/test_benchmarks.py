@@ -18,14 +18,15 @@ def test_a_figure_beyond_its_bound_is_marked():
     assert told(None, 1e9) == ""
 
 
-def test_what_explorers_were_meant_to_cost_at_most_stands_beside_what_they_cost():
+def test_what_figures_were_meant_to_cost_at_most_stands_beside_what_they_cost():
     bounds = [figure.bound for figure in FIGURES if figure.bound is not None]
-    assert bounds == [40, 20, 10_000]  # marking, a step beyond it, A*
+    piconets, inquiry, message, crowd = [90e3, 1.2e6], 1200, 40, 2.5e6
+    assert bounds == [*piconets, inquiry, message, crowd, 40, 20, 10_000]  # marking, a step beyond it, A*
 
 
 def test_what_a_user_waits_for_at_most_stands_there_in_seconds():
     bounds = [figure.bound_s for figure in FIGURES if figure.bound_s is not None]
-    assert bounds == [0.2, 1.0, 1.7]  # help, validate, run
+    assert bounds == [0.2, 1.0, 1.7, 14.0, 14.0, 0.5, 3.0]  # help, validate, run, first runs, set-ups
     assert told(1.7, 1.71, " s") == "  at most 1.7 s EXCEEDED"
 
 
