@@ -31,7 +31,7 @@ HARMLESS = {
         "no two events have one rank"
     ),
     "begin, link = frame.begin, frame.source << 17 | address": "other draws, as likely as these: pins differ",
-    "return (words[0] << 21 | words[2] >> 11) * 2.0**-53 < elementary.exp(station.log_chance)": "other draws, too",
+    "return (words[0] << 21 | words[2] >> 11) * 2.0**-53 < elementary.exp(station.log_chance)": "other last bits",
 }
 """Lines with an error of which no law of the radio says anything, and why."""
 
