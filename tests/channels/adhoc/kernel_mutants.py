@@ -32,6 +32,9 @@ HARMLESS = {
     ),
     "begin, link = frame.begin, frame.source << 17 | address": "other draws, as likely as these: pins differ",
     "return (words[0] << 21 | words[2] >> 11) * 2.0**-53 < elementary.exp(station.log_chance)": "other last bits",
+    "return ((words[0] << 21 | words[1] >> 11) * 2.0 ** (-53) <= elementary.exp(station.log_chance))": (
+        "once in 2**53 draws"
+    ),
 }
 """Lines with an error of which no law of the radio says anything, and why."""
 
