@@ -52,12 +52,12 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 def njit(*, borrows: bool = False, **options: Any) -> Callable[[Kernel], Kernel]:
     """Return a decorator that compiles a kernel on its first call, as numba's own with these *options* does.
 
-    A kernel that only *borrows* arrays, makes none and returns none, does without counting who holds them: where many
-    are handed on from kernel to kernel that is half of the time.
-
     But a kernel that another one calls is compiled for the type of a constant, not once more for its value, and without
     what it takes to call it from Python or C, unless Python has called it before; and it becomes machine code only as a
     part of its callers. That spares half of all compiling.
+
+    A kernel that only *borrows* arrays, makes none and returns none, does without counting who holds them: where many
+    are handed on from kernel to kernel that is half of the time.
     """
     cached = options.pop("cache", False)
     options["_nrt"] = not borrows
