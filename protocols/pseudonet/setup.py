@@ -6,7 +6,7 @@ because it never changes; ``View`` is the latter, one for each robot.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, TypeVar
 
@@ -113,17 +113,20 @@ class View:
 
     def remaining(self) -> set[Cell]:
         """Return the cells that are not covered and that some member can still reach."""
-        left = self.setup.cells - self.covered
-        if not self.obstacles:
-            return set(left)
-        ways = [self.setup.distances(self.cells[member], self.obstacles) for member in self.members]
-        return {cell for cell in left - self.obstacles if any(way[cell] >= 0 for way in ways)}
+        return set(self._left())
 
     def complete(self) -> bool:
         """Return whether all cells that can be covered are covered."""
         if not self.obstacles:
             return len(self.covered) == len(self.setup.cells)  # no robot ever stands on another cell
-        return not self.remaining()
+        return next(self._left(), None) is None  # mostly the first cell that is looked at will do
+
+    def _left(self) -> Iterator[Cell]:
+        left = self.setup.cells - self.covered
+        if not self.obstacles:
+            return iter(left)
+        ways = [self.setup.distances(self.cells[member], self.obstacles) for member in self.members]
+        return (cell for cell in left - self.obstacles if any(way[cell] >= 0 for way in ways))
 
     def nearest_uncovered(self, origin: Cell) -> Cell | None:
         """Return the uncovered cell with the fewest steps from *origin*; the lowest number breaks ties."""
