@@ -88,7 +88,7 @@ def coverage_grid(
     centres = _centres((x, y), cell_m, nx, ny)
     free = ~forbidden(centres)
     steps = np.full((nx * ny, 4), -1, np.int32)
-    _find_steps(segment_grid(walls_m), centres, nx, radius_m, cell_m, free, steps)
+    _find_steps(segment_grid(walls_m), centres, nx, radius_m, cell_m, free, np.zeros(nx * ny), steps)
     result = CoverageGrid((x, y), cell_m, nx, ny, steps, free, np.zeros(nx * ny, np.bool_))
     points = np.asarray(starts_m, dtype=np.float64).reshape(-1, 2).tolist()
     sources = [cell for cell in (result.cell_at(*point) for point in points) if free[cell]]
@@ -98,7 +98,9 @@ def coverage_grid(
 
 def distances(steps: Int32s, sources: npt.ArrayLike) -> Int32s:
     """Return the fewest *steps* (n, 4) from the nearest cell of *sources* to each cell, -1 where there is no way."""
-    return _flood(np.ascontiguousarray(steps, np.int32), np.asarray(sources, np.int32).reshape(-1))
+    distance, queue = np.full(len(steps), -1, np.int32), np.empty(len(steps), np.int32)
+    _flood(np.ascontiguousarray(steps, np.int32), np.asarray(sources, np.int32).reshape(-1), queue, distance)
+    return distance
 
 
 def _centres(origin_m: tuple[float, float], cell_m: float, nx: int, ny: int) -> Floats:
@@ -118,16 +120,22 @@ def _largest(steps: Int32s, free: Bools) -> Bools:
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _find_steps(
-    grid: SegmentGrid, centres: Floats, nx: int, radius: float, cell_m: float, free: Bools, steps: Int32s
+    grid: SegmentGrid,
+    centres: Floats,
+    nx: int,
+    radius: float,
+    cell_m: float,
+    free: Bools,
+    rooms: Floats,
+    steps: Int32s,
 ) -> None:
     """Leave *free* only cells that a disc of *radius* fits into, and write where it can step; (n,) and (n, 4)."""
     least, limit, roomy = radius - TOUCH_M, radius + 2.0 * TOUCH_M, radius + 1.01 * cell_m
-    rooms = np.zeros(centres.shape[0])
     for cell in range(centres.shape[0]):
         if free[cell]:
-            x, y = centres[cell]
+            x, y = centres[cell, 0], centres[cell, 1]
             rooms[cell] = room_along(grid, x, y, x, y, roomy)
             free[cell] = rooms[cell] >= least
         if not free[cell]:
@@ -137,17 +145,15 @@ def _find_steps(
             if goal < 0 or (back and cell % nx == 0) or not free[goal]:
                 continue
             # a wall that a step comes near to is not far from where it ends
-            x, y = centres[cell]
-            goal_x, goal_y = centres[goal]
+            x, y = centres[cell, 0], centres[cell, 1]
+            goal_x, goal_y = centres[goal, 0], centres[goal, 1]
             if rooms[cell] >= roomy or room_along(grid, goal_x, goal_y, x, y, limit) >= least:
                 steps[cell, WEST if back else SOUTH] = goal
                 steps[goal, EAST if back else NORTH] = cell
 
 
-@njit(cache=True)
-def _flood(steps: Int32s, sources: Int32s) -> Int32s:
-    distance = np.full(steps.shape[0], -1, np.int32)
-    queue = np.empty(steps.shape[0], np.int32)
+@njit(cache=True, borrows=True)
+def _flood(steps: Int32s, sources: Int32s, queue: Int32s, distance: Int32s) -> None:
     head = tail = 0
     for source in sources:
         if distance[source] < 0:
@@ -163,4 +169,3 @@ def _flood(steps: Int32s, sources: Int32s) -> Int32s:
                 distance[goal] = distance[cell] + 1
                 queue[tail] = goal
                 tail += 1
-    return distance

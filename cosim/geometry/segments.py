@@ -125,12 +125,12 @@ def _points(points_m: npt.ArrayLike) -> Floats:
 # ---------------------------------------------------------------- kernels
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _index(value: float, cells: int) -> int:
     return int(min(max(math.floor(value), 0.0), cells - 1.0))
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _list_members(
     walls: Floats, x: float, y: float, cell: float, nx: int, ny: int, slot: Int32s, member: Int32s
 ) -> None:
@@ -150,7 +150,7 @@ def _list_members(
                     slot[iy * nx + ix] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _meets(
     ax: float, ay: float, dx: float, dy: float, cx: float, cy: float, ex: float, ey: float, open_ends: bool
 ) -> float:
@@ -179,7 +179,7 @@ def _meets(
     return s if 0.0 <= s <= 1.0 else MISS
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _clip(start: float, way: float, low: float, high: float, span: tuple[float, float]) -> tuple[float, float]:
     """Cut the *span* of fractions s to those where start + s way lies between low and high."""
     if way == 0.0:
@@ -188,7 +188,7 @@ def _clip(start: float, way: float, low: float, high: float, span: tuple[float, 
     return max(span[0], min(one, two)), min(span[1], max(one, two))
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _first_hit(grid: SegmentGrid, ax: float, ay: float, dx: float, dy: float, open_ends: bool) -> float:
     """Return the fraction at which the way a + s d first meets a wall, or MISS, visiting cells in order of the way."""
     cell = grid.cell_m
@@ -224,7 +224,7 @@ def _sees(grid: SegmentGrid, a: Floats, b: Floats) -> Bools:
     return clear
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def in_sight(grid: SegmentGrid, ax: float, ay: float, bx: float, by: float) -> bool:
     """Return whether no wall meets the open segment from a to b (metres); a kernel for kernels, see :func:`sees`."""
     return _first_hit(grid, ax, ay, bx - ax, by - ay, True) == MISS
@@ -262,7 +262,7 @@ def scan_walls(grid: SegmentGrid, x: float, y: float, angle: float, ways: Floats
                 k = k + 1 if k + 1 < ways.shape[0] else 0
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def beams_between(start: float, width: float, beams: int) -> tuple[int, int]:
     """Return the first beam of a ring, and the number of them, that lie in an angle, and one more at either side.
 
@@ -281,7 +281,7 @@ def _ray_casts(grid: SegmentGrid, origins: Floats, angles: Floats, limit: float)
     return distance
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _to_segment(px: float, py: float, cx: float, cy: float, ex: float, ey: float) -> tuple[float, float]:
     """Return the squared distance of p from the segment c-e, and the fraction of the segment that is nearest."""
     wx, wy = ex - cx, ey - cy
@@ -293,7 +293,7 @@ def _to_segment(px: float, py: float, cx: float, cy: float, ex: float, ey: float
     return rx * rx + ry * ry, u
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def closest_approach(
     px: float, py: float, qx: float, qy: float, cx: float, cy: float, ex: float, ey: float
 ) -> tuple[float, float]:
@@ -324,7 +324,7 @@ def _swept_clearance(grid: SegmentGrid, p: Floats, q: Floats, limit: float) -> F
     return distance
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def room_along(grid: SegmentGrid, px: float, py: float, qx: float, qy: float, limit: float) -> float:
     """Return the distance of the segment p-q from the walls, at most *limit*; a kernel for kernels."""
     best = limit * limit
@@ -336,7 +336,7 @@ def room_along(grid: SegmentGrid, px: float, py: float, qx: float, qy: float, li
     return math.sqrt(best)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def cells_near(
     grid: SegmentGrid, px: float, py: float, qx: float, qy: float, limit: float
 ) -> tuple[int, int, int, int]:
@@ -348,7 +348,7 @@ def cells_near(
     return _index(low_x, grid.nx), _index(high_x, grid.nx) + 1, _index(low_y, grid.ny), _index(high_y, grid.ny) + 1
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def free_fraction(grid: SegmentGrid, x: float, y: float, dx: float, dy: float, radius: float, slack: float) -> float:
     """Return which fraction of the way d a disc at (x, y) can go without coming nearer to a wall than *radius*.
 
@@ -367,7 +367,7 @@ def free_fraction(grid: SegmentGrid, x: float, y: float, dx: float, dy: float, r
     return fraction
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _contact(
     x: float, y: float, dx: float, dy: float, cx: float, cy: float, ex: float, ey: float, radius: float
 ) -> float:
@@ -433,7 +433,7 @@ def _cross_block(walls: Floats, weight: Int64s, points: Floats, total: Int64s) -
             total[j, i] += found
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def crossed_weight(walls: Floats, weight: Int64s, ax: float, ay: float, bx: float, by: float) -> int:
     """Return what :func:`crossed_weights` does of two points, of which a has the lower number. A kernel for kernels."""
     sign = -1.0 if bx < ax or (bx == ax and by < ay) else 1.0  # which side is which has to be so both ways

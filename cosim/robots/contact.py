@@ -30,14 +30,15 @@ CELL_SLACK: Final = 1e-6
 LEAST_SIDE_M: Final = 1e-3
 """Least side of a cell, where all discs are points at rest."""
 FEW: Final = 16
-"""The most discs of which all pairs are compared: cells would cost more than they save."""
+"""The most discs of which all pairs are looked at every time: cells would cost more than they save."""
 
 
 @njit(cache=True)
-def cut(table: Floats, wall_numbers: Floats, wall_members: Int32s) -> None:
+def cut(table: Floats, pairs: Int64s, wall_numbers: Floats, wall_members: Int32s) -> None:
     """Write to the row PART which fraction, 0 to 1, of its way (DX, DY) each disc can go; see ``table``.
 
-    Discs that do not overlap before do not overlap at any time of the tick. The walls come from :func:`packed_walls`.
+    Discs that do not overlap before do not overlap at any time of the tick. *pairs* are all, or at least those of
+    :func:`pairs_near`. The walls come from :func:`packed_walls`.
     """
     for i in range(table.shape[1]):
         table[PART, i] = 1.0
@@ -51,12 +52,10 @@ def cut(table: Floats, wall_numbers: Floats, wall_members: Int32s) -> None:
                 table[PART, i], table[ROOM, i] = _free_of_walls(
                     grid, table[X, i], table[Y, i], dx, dy, table[RADIUS, i], way, table[ROOM, i]
                 )
-    near = pairs_near(table)
-    if len(near):
-        _keep_apart(near, table[X], table[Y], table[DX], table[DY], table[RADIUS], table[PART])
+    _keep_apart(table, pairs)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _free_of_walls(
     grid: SegmentGrid, x: float, y: float, dx: float, dy: float, radius: float, way: float, room: float
 ) -> tuple[float, float]:
@@ -69,7 +68,7 @@ def _free_of_walls(
     return free_fraction(grid, x, y, dx, dy, radius, WALL_SLACK_M), room + 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _clearance(grid: SegmentGrid, x: float, y: float, limit: float) -> float:
     """Return the distance of a point from the nearest wall, at most *limit*."""
     best = limit * limit
@@ -85,33 +84,37 @@ def _clearance(grid: SegmentGrid, x: float, y: float, limit: float) -> float:
     return math.sqrt(best)
 
 
-@njit(cache=True)
-def _keep_apart(near: Any, x: Floats, y: Floats, dx: Floats, dy: Floats, radius: Floats, part: Floats) -> None:
-    """Cut the ways of the pairs *near* until no disc enters another."""
-    for turn in range(ROUNDS + x.shape[0] + 1):
+@njit(cache=True, borrows=True)
+def _keep_apart(table: Floats, pairs: Int64s) -> None:
+    """Cut the ways of *pairs* until no disc enters another."""
+    for turn in range(ROUNDS + table.shape[1] + 1):
         settled = True
-        for k in range(near.shape[0]):
-            i, j = near[k]
-            rx, ry, reach = x[i] - x[j], y[i] - y[j], radius[i] + radius[j]
-            wx, wy = part[i] * dx[i] - part[j] * dx[j], part[i] * dy[i] - part[j] * dy[j]
-            if _enters(rx, ry, wx, wy, reach - BODY_SLACK_M):
-                settled = False
-                cut_i = part[i] * (rx * dx[i] + ry * dy[i]) < 0.0
-                cut_j = part[j] * (rx * dx[j] + ry * dy[j]) > 0.0
-                kept = _kept(
-                    rx, ry, part[i] * dx[i], part[i] * dy[i], part[j] * dx[j], part[j] * dy[j], reach, cut_i, cut_j
-                )
-                if turn >= ROUNDS:
-                    kept = 0.0
-                if cut_i:
-                    part[i] *= kept
-                if cut_j:
-                    part[j] *= kept
+        for k in range(pairs.shape[0]):
+            if _could_touch(table, pairs[k, 0], pairs[k, 1]):
+                settled &= not _part(table, pairs[k, 0], pairs[k, 1], turn >= ROUNDS)
         if settled:
             break
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
+def _part(table: Floats, i: int, j: int, at_once: bool) -> bool:
+    """Cut the ways of two discs of which one enters the other, to nothing if *at_once*; return whether one does."""
+    rx, ry, reach = table[X, i] - table[X, j], table[Y, i] - table[Y, j], table[RADIUS, i] + table[RADIUS, j]
+    ix, iy = table[PART, i] * table[DX, i], table[PART, i] * table[DY, i]
+    jx, jy = table[PART, j] * table[DX, j], table[PART, j] * table[DY, j]
+    if not _enters(rx, ry, ix - jx, iy - jy, reach - BODY_SLACK_M):
+        return False
+    cut_i = table[PART, i] * (rx * table[DX, i] + ry * table[DY, i]) < 0.0
+    cut_j = table[PART, j] * (rx * table[DX, j] + ry * table[DY, j]) > 0.0
+    kept = 0.0 if at_once else _kept(rx, ry, ix, iy, jx, jy, reach, cut_i, cut_j)
+    if cut_i:
+        table[PART, i] *= kept
+    if cut_j:
+        table[PART, j] *= kept
+    return True
+
+
+@njit(cache=True, borrows=True)
 def _could_touch(table: Floats, i: int, j: int) -> bool:
     rx, ry = table[X, i] - table[X, j], table[Y, i] - table[Y, j]
     ways = abs(table[DX, i]) + abs(table[DY, i]) + abs(table[DX, j]) + abs(table[DY, j])
@@ -120,18 +123,16 @@ def _could_touch(table: Floats, i: int, j: int) -> bool:
     return near
 
 
+def all_pairs(discs: int) -> Int64s:
+    """Return the pairs i < j of a number of discs, shape (count, 2), rising."""
+    return np.stack(np.triu_indices(discs, 1), axis=1)
+
+
 @njit(cache=True)
 def pairs_near(table: Floats) -> Int64s:
     """Return the pairs i < j, shape (count, 2), rising, that could touch with their full ways."""
     discs = table.shape[1]
-    found, count = np.empty((FEW * (FEW - 1) // 2, 2), np.int64), 0
-    if discs <= FEW:
-        for i in range(discs):
-            for j in range(i + 1, discs):
-                if _could_touch(table, i, j):
-                    found[count, 0], found[count, 1] = i, j
-                    count += 1
-        return found[:count]
+    found, count = np.empty((discs, 2), np.int64), 0
     low_x, low_y, side, nx, ny = _cells(table)
     cell, first, member = _sorted_into_cells(table, low_x, low_y, side, nx, ny)
     for i in range(discs):
@@ -152,7 +153,7 @@ def pairs_near(table: Floats) -> Int64s:
     return found[:count]
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _cells(table: Floats) -> tuple[float, float, float, int, int]:
     """Return the lower corner, the side and the numbers of square cells of which only next ones hold who could touch.
 

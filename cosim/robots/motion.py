@@ -22,14 +22,14 @@ import numpy as np
 import numpy.typing as npt
 
 import cosim.elementary as elementary
-from cosim.arrays import Floats, Int32s
+from cosim.arrays import Floats, Int32s, Int64s
 from cosim.errors import LocalProtocolError
 from cosim.geometry.segments import SegmentGrid, packed_walls
 from cosim.jit import njit
 from cosim.machine import Command, GoTo
 from cosim.observation import NOBODY, Observation, Picture, View
 from cosim.robots.body import BodySettings
-from cosim.robots.contact import BODY_SLACK_M, cut
+from cosim.robots.contact import BODY_SLACK_M, FEW, all_pairs, cut, pairs_near
 from cosim.robots.table import (
     ANY_WAY,
     ARRIVED,
@@ -123,6 +123,7 @@ class Fleet:
         """The positions at the last tick, x alone, shape (n,); not to be changed."""
         self.y_m: Floats = self._table[Y]
         self._positions, self._spare = starts.copy(), starts.copy()
+        self._pairs = all_pairs(count) if count <= FEW else None
 
     def __len__(self) -> int:
         return self._table.shape[1]
@@ -151,7 +152,12 @@ class Fleet:
         Return the way that all bodies together have gone since the tick before, in metres.
         """
         self._positions, self._spare = self._spare, self._positions
-        gone: float = _step(self._table, self._positions, self._wall_numbers, self._wall_members)
+        gone: float
+        if self._pairs is not None:
+            gone = _step(self._table, self._positions, self._pairs, self._wall_numbers, self._wall_members)
+        else:
+            gone = _choose(self._table, self._positions)
+            _end(self._table, pairs_near(self._table), self._wall_numbers, self._wall_members)
         self.time += self.tick
         return gone
 
@@ -281,7 +287,15 @@ def chord(heading: float, way: float, turn: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: Int32s) -> float:
+def _step(table: Floats, positions: Floats, pairs: Int64s, wall_numbers: Floats, wall_members: Int32s) -> float:
+    gone = _choose(table, positions)
+    _end(table, pairs, wall_numbers, wall_members)
+    return gone
+
+
+@njit(cache=True, borrows=True)
+def _choose(table: Floats, positions: Floats) -> float:
+    """End the interval before, and choose the ways of the next; return the way that all have gone."""
     gone = _settle(table)
     for i in range(table.shape[1]):
         positions[i, 0], positions[i, 1] = table[X, i], table[Y, i]
@@ -289,7 +303,13 @@ def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: 
             table[DX, i], table[DY, i] = _brake(table, i)
         else:
             table[DX, i], table[DY, i] = _to_goal(table, i) if table[GOING, i] else _as_wanted(table, i)
-    cut(table, wall_numbers, wall_members)
+    return gone
+
+
+@njit(cache=True)
+def _end(table: Floats, pairs: Int64s, wall_numbers: Floats, wall_members: Int32s) -> None:
+    """Cut the ways that have been chosen, and write where they lead to."""
+    cut(table, pairs, wall_numbers, wall_members)
     for i in range(table.shape[1]):
         part = table[PART, i]
         table[CUT, i] = part < 1.0
@@ -299,7 +319,6 @@ def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: 
         landing = table[LANDING, i] > 0.0
         table[NEXT_X, i] = table[GOAL_X, i] if landing else table[X, i] + part * table[DX, i]
         table[NEXT_Y, i] = table[GOAL_Y, i] if landing else table[Y, i] + part * table[DY, i]
-    return gone
 
 
 @njit(cache=True, borrows=True)
