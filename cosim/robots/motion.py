@@ -280,7 +280,7 @@ def chord(heading: float, way: float, turn: float) -> tuple[float, float]:
     return length * elementary.cos(heading + half), length * elementary.sin(heading + half)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: Int32s) -> float:
     gone = _settle(table)
     for i in range(table.shape[1]):
