@@ -85,23 +85,24 @@ class Repeated(Handle):
         self._period = 0
 
     def _fire(self) -> None:
-        kernel, environment = self._kernel, self.env
+        kernel, environment, callback, priority = self._kernel, self.env, self.callback, self.priority
         queue: list[Any] = environment._queue
+        time, soon = self.time, kernel._soon
         kernel._calling = True
         while True:
-            kernel.phase = (self.time, self.priority)
+            kernel.phase = (time, priority)
             kernel.executed += 1
-            self.callback()
-            if not self._period:
+            callback()
+            period = self._period
+            if not period:
                 break
-            self.time += self._period
-            again = (self.time, self.priority, next(environment._eid), self)
-            if kernel._soon or not queue or queue[0] < again:
+            self.time = time = time + period
+            if soon or not queue or queue[0][0] <= time:
                 self.callbacks = [Repeated._fire]
-                heappush(queue, again)
+                heappush(queue, (time, priority, next(environment._eid), self))
                 break
-            environment._now = self.time  # nothing comes before it: it does without the queue
-        if kernel._soon:
+            environment._now = time  # nothing comes before it: it does without the queue
+        if soon:
             kernel._call_soon()
         kernel._calling = False
 

@@ -40,12 +40,16 @@ BEHIND_RAD = 1.9
 
 
 class Beams:
-    """What robots have in common: the beams' directions, as unit vectors of shape (n,), and how far they go."""
+    """What robots have in common: how far the beams go, and what a metre of each counts for, shape (2, n).
+
+    A beam of range R that ends after r counts for (1 - r / R) / n along its direction. The directions of a ring add up
+    to nothing, so -r / (n R) comes to the same.
+    """
 
     def __init__(self, parameters: Settings, surroundings: Surroundings) -> None:
-        angles = np.arange(surroundings.beams) * 2.0 * np.pi / surroundings.beams
-        self.x, self.y = np.cos(angles), np.sin(angles)
         self.range_m = surroundings.scan_range_m
+        angles = np.arange(surroundings.beams) * 2.0 * np.pi / surroundings.beams
+        self.weights = np.array([np.cos(angles), np.sin(angles)]) / -(self.range_m * surroundings.beams)
 
 
 class Avoider:
@@ -65,9 +69,8 @@ class Avoider:
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Turn from what is close ahead, or drive on."""
-        beams, ranges_m = self._beams, observation.ranges_m
-        close = np.maximum(1.0 - ranges_m / beams.range_m, 0.0)
-        x, y = float(close.dot(beams.x)) / len(close), float(close.dot(beams.y)) / len(close)
+        beams = self._beams
+        x, y = beams.weights.dot(np.minimum(observation.ranges_m, beams.range_m)).tolist()
         bearing = math.remainder(math.atan2(y, x) - observation.heading_rad, math.tau)
         if math.hypot(x, y) < NOTICED or abs(bearing) > BEHIND_RAD:
             self._motion.append(Drive(SPEED_MPS, 0.0))

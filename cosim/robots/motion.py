@@ -75,6 +75,8 @@ ALIGNED_RAD: Final = 1e-9
 """Difference between heading and the goal's bearing that needs no turn."""
 _ROUNDING: Final = 1e-9
 """Share of h by which a change of the way may exceed it, so that rounding costs no tick."""
+_ORDERS: Final = (LANDING, GOING, ARRIVED, GOAL_X, GOAL_Y, WANTED_WAY, WANTED_TURN)
+"""The rows that commands change."""
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
@@ -116,7 +118,7 @@ class Fleet:
         self._table[X], self._table[Y] = self._table[NEXT_X], self._table[NEXT_Y] = starts.T
         self._table[HEADING] = headings_rad
         self._table[ARRIVED] = 1.0
-        self._cells: Any = self._table.data  # single cells are written faster through it
+        self._orders: list[Any] = [self._table[row].data for row in _ORDERS]  # their cells are written fastest so
         _write_limits(self._table, bodies, self._seconds)
         self._observed = self._table[:OBSERVED].T
         self.x_m: Floats = self._table[X]
@@ -133,18 +135,19 @@ class Fleet:
 
         Raise LocalProtocolError for a number that is not finite.
         """
-        table, seconds, isfinite = self._cells, self._seconds, math.isfinite
+        landing, going, arrived, goal_x, goal_y, wanted_way, wanted_turn = self._orders
+        seconds, isfinite = self._seconds, math.isfinite
         for body, command in commands:
             one, two = command
             if not (isfinite(one) and isfinite(two)):
                 raise LocalProtocolError(f"body {body}: {command} is not finite")
-            table[LANDING, body] = 0.0
+            landing[body] = 0.0
             if isinstance(command, GoTo):
-                table[GOING, body], table[ARRIVED, body] = 1.0, 0.0
-                table[GOAL_X, body], table[GOAL_Y, body] = one, two
+                going[body], arrived[body] = 1.0, 0.0
+                goal_x[body], goal_y[body] = one, two
             else:
-                table[GOING, body], table[ARRIVED, body] = 0.0, 1.0
-                table[WANTED_WAY, body], table[WANTED_TURN, body] = one * seconds, two * seconds
+                going[body], arrived[body] = 0.0, 1.0
+                wanted_way[body], wanted_turn[body] = one * seconds, two * seconds
 
     def step(self) -> float:
         """Move all bodies to the next tick, and choose how they move until the one after it.
@@ -286,7 +289,7 @@ def chord(heading: float, way: float, turn: float) -> tuple[float, float]:
     return length * elementary.cos(heading + half), length * elementary.sin(heading + half)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _step(table: Floats, positions: Floats, pairs: Int64s, wall_numbers: Floats, wall_members: Int32s) -> float:
     gone = _choose(table, positions)
     _end(table, pairs, wall_numbers, wall_members)
@@ -306,7 +309,7 @@ def _choose(table: Floats, positions: Floats) -> float:
     return gone
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _end(table: Floats, pairs: Int64s, wall_numbers: Floats, wall_members: Int32s) -> None:
     """Cut the ways that have been chosen, and write where they lead to."""
     cut(table, pairs, wall_numbers, wall_members)

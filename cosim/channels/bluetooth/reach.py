@@ -95,7 +95,7 @@ class Fading:
         return power
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _differs(positions_m: Positions, range_m: float, near: Bools) -> bool:
     """Return whether any pair of *positions_m* has entered or left *range_m* since *near*."""
     for a in range(len(positions_m)):
