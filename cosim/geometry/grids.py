@@ -98,9 +98,22 @@ def coverage_grid(
 
 def distances(steps: Int32s, sources: npt.ArrayLike) -> Int32s:
     """Return the fewest *steps* (n, 4) from the nearest cell of *sources* to each cell, -1 where there is no way."""
+    return _flooded(steps, sources, ())[0]
+
+
+def nearest_of(steps: Int32s, source: Cell, targets: npt.ArrayLike) -> tuple[Cell | None, int]:
+    """Return that of *targets* to which the fewest *steps* (n, 4) lead from *source*, and their number.
+
+    Without a way to any it is None, and -1.
+    """
+    distance, found = _flooded(steps, [source], targets)
+    return (None, -1) if found < 0 else (found, int(distance[found]))
+
+
+def _flooded(steps: Int32s, sources: npt.ArrayLike, targets: npt.ArrayLike) -> tuple[Int32s, Cell]:
     distance, queue = np.full(len(steps), -1, np.int32), np.empty(len(steps), np.int32)
-    _flood(np.ascontiguousarray(steps, np.int32), np.asarray(sources, np.int32).reshape(-1), queue, distance)
-    return distance
+    cells, ends = (np.asarray(each, np.int32).reshape(-1) for each in (sources, targets))
+    return distance, _flood(np.ascontiguousarray(steps, np.int32), cells, ends, queue, distance)
 
 
 def _centres(origin_m: tuple[float, float], cell_m: float, nx: int, ny: int) -> Floats:
@@ -153,7 +166,8 @@ def _find_steps(
 
 
 @njit(cache=True, borrows=True)
-def _flood(steps: Int32s, sources: Int32s, queue: Int32s, distance: Int32s) -> None:
+def _flood(steps: Int32s, sources: Int32s, targets: Int32s, queue: Int32s, distance: Int32s) -> Cell:
+    """Write the *distance* of each cell from the *sources*, until one of *targets* is reached; return that, or -1."""
     head = tail = 0
     for source in sources:
         if distance[source] < 0:
@@ -163,9 +177,13 @@ def _flood(steps: Int32s, sources: Int32s, queue: Int32s, distance: Int32s) -> N
     while head < tail:
         cell = queue[head]
         head += 1
+        for target in targets:
+            if cell == target:
+                return cell
         for direction in range(4):
             goal = steps[cell, direction]
             if goal >= 0 and distance[goal] < 0:
                 distance[goal] = distance[cell] + 1
                 queue[tail] = goal
                 tail += 1
+    return -1

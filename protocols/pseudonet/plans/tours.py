@@ -12,54 +12,16 @@ import numpy as np
 
 from cosim.arrays import Int32s
 from cosim.errors import LocalProtocolError
-from cosim.geometry.grids import Cell, CoverageGrid
-from cosim.jit import njit
+from cosim.geometry.grids import Cell, CoverageGrid, nearest_of
 
 Tour: TypeAlias = tuple[Cell, ...]
 """Cells in the order in which they are to be covered."""
 Costs: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 
-@njit(cache=True)
-def _search(steps: Any, source: int, targets: Any) -> tuple[int, int]:
-    """Return the nearest of *targets* (n,) and the steps to it, or (-1, -1) if there is no way to any."""
-    distance = np.full(steps.shape[0], -1, np.int32)
-    queue = np.empty(steps.shape[0], np.int32)
-    distance[source] = 0
-    queue[0] = source
-    head, tail = 0, 1
-    while head < tail:
-        cell = queue[head]
-        head += 1
-        for target in targets:
-            if cell == target:
-                return cell, distance[cell]
-        for direction in range(4):
-            neighbour = steps[cell, direction]
-            if neighbour >= 0 and distance[neighbour] < 0:
-                distance[neighbour] = distance[cell] + 1
-                queue[tail] = neighbour
-                tail += 1
-    return -1, -1
-
-
-@njit(cache=True)
-def _drives(steps: Any, order: Any) -> Any:
-    costs = np.ones(order.size - 1, np.int64)
-    for i in range(order.size - 1):
-        here, there = order[i], order[i + 1]
-        adjacent = False
-        for direction in range(4):
-            adjacent |= steps[here, direction] == there
-        if not adjacent:
-            costs[i] = _search(steps, here, order[i + 1 : i + 2])[1]
-    return costs
-
-
 def nearest(grid: CoverageGrid, source: Cell, targets: Sequence[Cell]) -> Cell | None:
     """Return the target with the shortest drive from *source*, or None if there is no way to any."""
-    target = int(_search(grid.steps, source, np.array(targets, np.int32))[0])
-    return None if target < 0 else target
+    return nearest_of(grid.steps, source, targets)[0]
 
 
 def drive_costs(grid: CoverageGrid, order: Sequence[Cell]) -> Costs:
@@ -69,7 +31,10 @@ def drive_costs(grid: CoverageGrid, order: Sequence[Cell]) -> Costs:
     """
     if len(order) < 2:
         return np.empty(0, np.int64)
-    costs = np.asarray(_drives(grid.steps, np.array(order, np.int32)))
+    cells = np.array(order, np.int32)
+    costs = np.ones(len(order) - 1, np.int64)
+    for apart in np.flatnonzero((grid.steps[cells[:-1]] != cells[1:, None]).all(axis=1)).tolist():
+        costs[apart] = nearest_of(grid.steps, order[apart], order[apart + 1 : apart + 2])[1]
     possible = costs >= 0
     return np.where(possible, costs, costs[possible].sum() + 1)
 
