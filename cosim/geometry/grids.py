@@ -175,7 +175,7 @@ def _flood(steps: Int32s, sources: Int32s, targets: Int32s, queue: Int32s, dista
             queue[tail] = source
             tail += 1
     while head < tail:
-        cell = queue[head]
+        cell: Cell = queue[head]
         head += 1
         for target in targets:
             if cell == target:

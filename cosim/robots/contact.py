@@ -7,7 +7,7 @@ are bodies. A shorter way along the same line is still free of walls.
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
