@@ -194,6 +194,50 @@ def test_a_device_that_is_on_again_begins_anew_whatever_it_was_about(off: Time, 
     ]
 
 
+def test_a_device_that_is_on_again_backs_off_as_one_that_has_not_failed() -> None:
+    """After failures its window had grown; the next payload, which finds the medium busy, waits 31 slots at the most."""
+    slots = []
+    for off in range(20):
+        field = Field((0, 0), (5, 0), (100, 0), range_m=20.0)
+        field.send_at(1 * MS, 0, 2)  # nobody answers
+        field.kernel.at(12 * MS + off * 500 * US, lambda field=field: field.channel.power(0, False))
+        field.kernel.at(180 * MS, lambda field=field: field.channel.power(0, True))
+        field.send_at(200 * MS, 1, BROADCAST)
+        field.send_at(200 * MS + 500 * US, 0, BROADCAST)
+        field.kernel.run(S)
+        idle = 200 * MS + (192 + 8 * 136 + 1) * US + 50 * US
+        slots += [divmod(time - idle, 20 * US) for time, source, *_ in field.rows() if source == 0 and time > 180 * MS]
+    assert len(slots) == 20
+    assert all(rest == 0 and 0 <= count <= 31 for count, rest in slots)
+
+
+@pytest.mark.parametrize("propagation", [None, {"model": "free_space"}])
+def test_a_device_that_is_on_again_does_not_receive_what_it_has_begun_to_and_what_comes_then_it_does(
+    propagation: Any,
+) -> None:
+    field = Field((0, 0), (5, 0), propagation=propagation)
+    field.send_at(1 * MS, 1, BROADCAST, 100)  # arrives until 2.281 ms
+    field.kernel.at(1_500 * US, lambda: field.channel.power(0, False))
+    field.kernel.at(1_600 * US, lambda: field.channel.power(0, True))
+    field.send_at(10 * MS, 1, BROADCAST, 33)
+    field.kernel.run(S)
+    assert [len(data) for _, _, data, _ in field.hosts[0].received_] == [33]
+
+
+def test_a_device_that_is_on_again_knows_of_no_reservation() -> None:
+    """It has heard the CTS to one that it does not hear itself."""
+    for off in (False, True):
+        field = Field((30, 0), (15, 0), (0, 0), range_m=20.0, rts_threshold=500)
+        field.send_at(1 * MS, 2, 1, 1500)
+        if off:
+            field.kernel.at(2 * MS, lambda field=field: field.channel.power(0, False))
+            field.kernel.at(3 * MS, lambda field=field: field.channel.power(0, True))
+        field.send_at(4 * MS, 0, BROADCAST)
+        field.kernel.run(S)
+        (begun,) = [time for time, source, *_ in field.rows() if source == 0]
+        assert (begun == 4 * MS) is off, "the data take until 14 ms"
+
+
 def test_a_device_listens_for_difs_once_it_is_on() -> None:
     field = Field((0, 0), (5, 0))
     field.channel.power(0, False)

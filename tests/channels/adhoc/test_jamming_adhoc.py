@@ -23,7 +23,7 @@ from cosim.units import MS, US, S, Time
 from tests.channels.adhoc.ear import FRAME, LIMITS, Ear
 
 ALL = tuple(range(79))
-DIFS, SLOT = 50 * US, 20 * US
+DIFS, EIFS, SLOT = 50 * US, 364 * US, 20 * US
 FREE_SPACE = {"model": "free_space"}
 
 
@@ -147,6 +147,19 @@ def test_a_jammer_stops_a_back_off_after_the_slots_that_were_idle_before_it_was_
         jammed = begun(constant(2, 2, counting_from + begin, end))
         assert jammed[:number] == plain[:number]
         assert jammed[number] == end + DIFS + (slots - 3) * SLOT
+
+
+@pytest.mark.parametrize("propagation", [None, FREE_SPACE])
+def test_a_jammer_that_begins_while_a_frame_arrives_does_not_hide_that_the_medium_is_busy(propagation: Any) -> None:
+    field = Field((0, 0), (5, 0), propagation=propagation)
+    field.channel.jam(constant(2, 2, 1 * MS + 500 * US, 100 * MS))
+    field.send(1 * MS, 1)
+    field.send(1 * MS + 505 * US, 0)  # sooner than the jammer alone would be sensed
+    field.kernel.run(S)
+    (begun,) = [row[0] for row in field.rows() if row[1] == 0]
+    slots, rest = divmod(begun - (100 * MS + EIFS), SLOT)  # the frame was spoilt
+    assert rest == 0
+    assert 0 <= slots <= 31
 
 
 @pytest.mark.parametrize(
@@ -294,7 +307,7 @@ def test_an_answer_to_one_who_has_died_meanwhile_is_still_jammed(during: Time) -
     assert [(row[0], row[4]) for row in field.rows()] == [
         (1 * MS, "DATA"),
         (2291 * US, "ACK"),
-        (2596 * US + 364 * US, "DATA"),  # EIFS after an answer that it could not read
+        (2596 * US + EIFS, "DATA"),  # after an answer that it could not read
     ]
 
 
