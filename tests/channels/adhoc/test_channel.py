@@ -1,5 +1,6 @@
 """The ad hoc network as a channel: who gets what when, what senders are told, devices that go off."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -195,13 +196,13 @@ def test_a_device_that_is_on_again_begins_anew_whatever_it_was_about(off: Time, 
 
 
 def test_a_device_that_is_on_again_backs_off_as_one_that_has_not_failed() -> None:
-    """After failures its window had grown; the next payload, which finds the medium busy, waits 31 slots at the most."""
+    """After failures its window had grown; the next payload, which finds the medium busy, waits 31 slots at most."""
     slots = []
     for off in range(20):
         field = Field((0, 0), (5, 0), (100, 0), range_m=20.0)
         field.send_at(1 * MS, 0, 2)  # nobody answers
-        field.kernel.at(12 * MS + off * 500 * US, lambda field=field: field.channel.power(0, False))
-        field.kernel.at(180 * MS, lambda field=field: field.channel.power(0, True))
+        field.kernel.at(12 * MS + off * 500 * US, partial(field.channel.power, 0, False))
+        field.kernel.at(180 * MS, partial(field.channel.power, 0, True))
         field.send_at(200 * MS, 1, BROADCAST)
         field.send_at(200 * MS + 500 * US, 0, BROADCAST)
         field.kernel.run(S)
@@ -230,8 +231,8 @@ def test_a_device_that_is_on_again_knows_of_no_reservation() -> None:
         field = Field((30, 0), (15, 0), (0, 0), range_m=20.0, rts_threshold=500)
         field.send_at(1 * MS, 2, 1, 1500)
         if off:
-            field.kernel.at(2 * MS, lambda field=field: field.channel.power(0, False))
-            field.kernel.at(3 * MS, lambda field=field: field.channel.power(0, True))
+            field.kernel.at(2 * MS, partial(field.channel.power, 0, False))
+            field.kernel.at(3 * MS, partial(field.channel.power, 0, True))
         field.send_at(4 * MS, 0, BROADCAST)
         field.kernel.run(S)
         (begun,) = [time for time, source, *_ in field.rows() if source == 0]
