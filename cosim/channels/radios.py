@@ -36,6 +36,7 @@ from cosim.units import Time
 
 _PAYLOAD_BYTES: Final = Metric("payload_bytes", "B", "bytes of the payloads that hosts have sent")
 RADIO: Final = Column("radio", "int", "", "which of the robots' radios")
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name, UNSENT.name)
 """Tables whose rows have the number of a radio."""
 
@@ -121,7 +122,7 @@ class _End:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a payload."""
-        self._endpoint.receive(data, Reception(*reception[:3], self._radio), now)
+        self._endpoint.receive(data, _new(Reception, (*reception[:3], self._radio)), now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take a link event that concerns the host: links are those of radio 0, with robots that have it."""

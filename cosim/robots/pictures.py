@@ -6,7 +6,7 @@ it does not matter when, or if, a picture is made.
 
 from collections.abc import Collection, Sequence
 from functools import cached_property
-from itertools import repeat
+from itertools import pairwise, repeat
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from cosim.arrays import Floats, Int64s
 from cosim.geometry.segments import PackedWalls
 from cosim.observation import Sighting
-from cosim.robots.sense_kernels import BLIND, Room, see
+from cosim.robots.sense_kernels import BLIND, OWN_X, OWN_Y, Room, see
 from cosim.world.sight import lines_of_sight, seen_by_each
 
 _IN_SIGHT: Final = 128
@@ -72,6 +72,8 @@ class Cameras:
         self._tick = tick
         self._sightings: dict[int, tuple[Sighting, ...]] = {}
         """What robots have asked for."""
+        self._about: dict[float, list[list[Sighting]]] = {}
+        """Of all robots, whom they see nearer than a reach, for those that have been asked for."""
 
     def without(self, robot: int) -> "Cameras":
         """Return the same, but that *robot* has seen nothing."""
@@ -107,11 +109,25 @@ class Cameras:
 
     def around(self, robot: int, x_m: float, y_m: float, reach_m: float) -> list[Sighting]:
         """Return those whom *robot* sees nearer than *reach_m* to a place: of the others nothing is made."""
+        if self._poses[robot, OWN_X] == x_m and self._poses[robot, OWN_Y] == y_m:
+            return self._around_all(reach_m)[robot]  # at the tick of the picture, as most robots ask: all at once
         ends, others, places = self._found
         share = slice(ends[robot], ends[robot + 1])
         dx, dy = places[0, share] - x_m, places[1, share] - y_m
         near = np.flatnonzero(dx * dx + dy * dy < reach_m * reach_m) + ends[robot]
         return _sightings(others[near], places[:, near]) if len(near) else []
+
+    def _around_all(self, reach_m: float) -> list[list[Sighting]]:
+        """Return whom each robot sees nearer than *reach_m* to where it is: what ``around`` returns there."""
+        about = self._about.get(reach_m)
+        if about is None:
+            ends, others, places = self._found
+            here = np.repeat(self._poses[:, OWN_X : OWN_Y + 1].T, np.diff(ends), axis=1)
+            dx, dy = places[:, : ends[-1]] - here
+            near = np.flatnonzero(dx * dx + dy * dy < reach_m * reach_m)
+            seen, shares = _sightings(others[near], places[:, near]), np.searchsorted(near, ends).tolist()
+            about = self._about[reach_m] = [seen[first:end] for first, end in pairwise(shares)]
+        return about
 
 
 def _sightings(others: Int64s, places: Floats) -> list[Sighting]:

@@ -46,11 +46,14 @@ class Counters:
 
     def moved(self, way_m: float, now: Time) -> None:
         """Count the way of one tick."""
-        if not self.ways_m:
-            self.begun = now if self.before is None else self.begun
-        self.last_tick = self.begun + len(self.ways_m) * self.tick
+        ways_m = self.ways_m
+        if ways_m:
+            self.last_tick += self.tick
+            way_m += ways_m[-1]
+        else:
+            self.last_tick = self.begun = now if self.before is None else self.begun
         self.ahead = now - self.last_tick
-        self.ways_m.append((self.ways_m[-1] if self.ways_m else 0.0) + way_m)
+        ways_m.append(way_m)
 
     def follow(self, before: "Counters", now: Time) -> None:
         """Continue *before* in the next incarnation, from the first tick on that is not before the true time *now*."""

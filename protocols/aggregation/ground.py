@@ -274,7 +274,9 @@ def _without(grid: PlanningGrid, bodies_m: Sequence[Point], room_m: float, kept_
     xs, ys = x + (np.arange(nx) + 0.5) * grid.cell_m, y + (np.arange(ny) + 0.5) * grid.cell_m
     free = grid.free.copy()
     for body_x, body_y in bodies_m:
-        free &= (xs - body_x)[None, :] ** 2 + (ys - body_y)[:, None] ** 2 > room_m * room_m
+        columns, rows = (np.flatnonzero(np.abs(away_m) < room_m + grid.cell_m) for away_m in (xs - body_x, ys - body_y))
+        squares = (xs[columns] - body_x)[None, :] ** 2 + (ys[rows] - body_y)[:, None] ** 2
+        free[np.ix_(rows, columns)] &= squares > room_m * room_m
     for point in kept_m:
         free.flat[grid.cell_at(*point)] = True
     return free

@@ -142,6 +142,10 @@ class Searcher(Drains):
         self._fresh = from_seconds(parameters.fresh_s)
         self._lost = from_seconds(parameters.lost_s)
         self._muster = start + from_seconds(parameters.muster_s)
+        strategy = parameters.strategy
+        self._times_out, self._reconvenes = strategy == "mito", strategy == "mrp"
+        self._tells = strategy in ("mi", "mito", "random") or (strategy == "srp" and parameters.report == "first")
+        """True if a target that was found is reported at once."""
         self._timeout = from_seconds(parameters.timeout_s_per_m2 * setup.area_m2 / max(len(setup.targets_m), 1))
         self._reconvene = from_seconds(parameters.reconvene_s)
         self._assignment = 0
@@ -205,8 +209,8 @@ class Searcher(Drains):
         here = observation.x_m, observation.y_m
         self.counters.moved(0.0 if self._here is None else math.dist(here, self._here), now)
         self._here = here
-        for finding in self.findings.add(self._camera.look(observation, self.findings)):
-            self._events.append(TargetFound(*finding))
+        if found := self._camera.look(observation, self.findings):
+            self._events += [TargetFound(*finding) for finding in self.findings.add(found)]
         if self._motion.reached is not None:
             (seen,) = observation.sees([here])  # False if a fault has switched the camera off
             if seen:
@@ -244,7 +248,7 @@ class Searcher(Drains):
             self._radio.send(Leave(ours.epoch), host)
         forgotten = now - self._heard > self._lost  # its host has removed it by now
         orphaned = ours.host is None or forgotten or (ours.host in beat.silent and not self._in_contact(now))
-        if not self._over and (self.state is State.CHANGE or orphaned or beat.over):
+        if not self._over and (self.state is _C or orphaned or beat.over):
             self._radio.send(Join(ours.ask(host, now), *self._here), host)
 
     def _confirmed(self, host: Address, epoch: int, now: Time) -> None:
@@ -279,34 +283,31 @@ class Searcher(Drains):
 
     def _due(self, now: Time) -> bool:
         """Return whether it is time to meet the host, with or without findings."""
-        match self.parameters.strategy:
-            case "mito":
-                return now - self._heard > self._timeout
-            case "mrp":
-                host, courses = self.membership.host, self.membership.courses
-                return host in courses and now >= courses[host].departed + self._reconvene
+        if self._times_out:
+            return now - self._heard > self._timeout
+        if self._reconvenes:
+            host, courses = self.membership.host, self.membership.courses
+            return host in courses and now >= courses[host].departed + self._reconvene
         return False
 
     def _decide(self, observation: Observation, now: Time) -> None:
         """Find the input of this tick, if there is one, and follow it."""
-        match self.state:
-            case State.SEARCH:
-                event = self._input_of_search(now)
-            case State.MEET:
-                event = self._input_of_meeting(observation, now)
-            case State.WAIT:
-                event = self._input_of_waiting(now)
-            case _:
-                event = self._input_of_change(observation, now)
+        state = self.state
+        if state is _S:
+            event = self._input_of_search(now)
+        elif state is _M:
+            event = self._input_of_meeting(observation, now)
+        elif state is _W:
+            event = self._input_of_waiting(now)
+        else:
+            event = self._input_of_change(observation, now)
         if event is not None:
             self._follow(event, now)
 
     def _input_of_search(self, now: Time) -> Input | None:
         if self._due(now):
             return Input.DUE
-        strategy = self.parameters.strategy
-        tells = strategy in ("mi", "mito", "random") or (strategy == "srp" and self.parameters.report == "first")
-        if tells and self._reports.finds and not self._in_contact(now):
+        if self._tells and self._reports.finds and not self._in_contact(now):
             return Input.FOUND
         return Input.DONE if self._motion.done else None
 
@@ -344,8 +345,9 @@ class Searcher(Drains):
     # ------------------------------------------------------------ walking
 
     def _walk(self, observation: Observation, now: Time) -> Command | None:
-        if self.state is State.SEARCH:
+        state = self.state
+        if state is _S:
             return self._motion.search(observation)
-        if self.state in (State.MEET, State.CHANGE) and not self._in_contact(now):
+        if (state is _M or state is _C) and not self._in_contact(now):
             return self._rendezvous.step(observation, now)
         return self._motion.stand(observation)

@@ -25,7 +25,7 @@ class Incarnation:
         """
         began_ms = (stamp_ms - number * self._period // MS) % self._clock_ms
         before, self._began_ms = self._began_ms, began_ms
-        if before is None:
+        if before is None or before == began_ms:
             return False
         later = (began_ms - before + self._clock_ms // 2) % self._clock_ms - self._clock_ms // 2
         return abs(later) > max(self._period // MS, 1)
