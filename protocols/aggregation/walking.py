@@ -397,7 +397,7 @@ class Near:
         self._kept_m = near_m + _KEPT_M
         self._picture: Picture | None = None
         self._kept: list[tuple[Sighting, Point]] = []
-        """Those on *_picture* that are near for a robot within ``_KEPT_M`` of where it looked all through, and where."""
+        """Those on *_picture* that are near for a robot within ``_KEPT_M`` of where it looked through all, with where."""
         self._looked_m: Point = (math.inf, math.inf)
         self._here: Point = (math.inf, math.inf)
         self._near: list[Sighting] = []
