@@ -220,9 +220,9 @@ class AdhocChannel(IdealChannel):
         """Return whether a frame of *one* can be received by *other*, if nothing else is on the air."""
         return super()._hears(one, other) and other in self.in_reach(one)
 
-    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
+    def write_rows(self, first: Address, last: Address, rows: Records, begin: int) -> Int64s:
         """Write whom *first* to *last* reach now, with how many mW: all that are switched on, however weakly."""
-        return self._reach.write(first, last, rows)
+        return self._reach.write(first, last, rows, begin)
 
     # ------------------------------------------------------------ what stations report
 

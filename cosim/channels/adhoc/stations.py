@@ -73,10 +73,10 @@ class Rules(NamedTuple):
 class Host(Protocol):
     """The other side of all stations."""
 
-    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
-        """Write whom frames of *first* to *last* reach that begin to arrive now; return where the row of each ends.
+    def write_rows(self, first: Address, last: Address, rows: Records, begin: int) -> Int64s:
+        """Write whom frames of *first* to *last* reach that begin to arrive now, to *rows* from *begin* on.
 
-        Row after row, each rising.
+        Row after row, each rising. Return where the row of each station ends.
         """
 
     def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
@@ -268,10 +268,10 @@ class Stations:
         begin, count = self._rows_used, last + 1 - first
         while begin + count * size > len(self._network.rows):
             self._use(self._network._replace(rows=doubled(self._network.rows)))
-        ends = self._host.write_rows(first, last, self._network.rows[begin:]) + begin
-        self._row_ends[first : last + 1] = ends
-        self._row_begins[first], self._row_begins[first + 1 : last + 1] = begin, ends[:-1]
-        self._rows_used = int(ends[-1])
+        ends = self._host.write_rows(first, last, self._network.rows, begin)
+        self._row_ends[first : last + 1] = ends[first : last + 1]
+        self._row_begins[first], self._row_begins[first + 1 : last + 1] = begin, ends[first:last]
+        self._rows_used = int(ends[last])
         self._rows += count
 
     def _make_room(self) -> None:
