@@ -25,7 +25,7 @@ from cosim.channels.adhoc.mac import KINDS, Packet
 from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.settings import AdhocSettings, mw
-from cosim.channels.adhoc.state import HEARD, Records, Report
+from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
 from cosim.channels.adhoc.stations import Rules, Stations
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
@@ -269,8 +269,10 @@ class AdhocChannel(IdealChannel):
 
     def _queue(self, address: Address, packet: Packet) -> None:
         self._jamming.follow()
-        awaited = packet.token is not None or packet.destination != BROADCAST or self._most is not None
-        self._stations.send(address, packet, awaited)
+        if self._most is None and (packet.token is None or packet.only_failure):
+            self._stations.send(address, packet, NOTHING if packet.token is None else FAILURE)
+        else:
+            self._stations.send(address, packet, END)
 
     def _hand_over(self) -> None:
         arrivals, self._arrivals = self._arrivals, []

@@ -106,8 +106,8 @@ class Forwarding:
             return
         router, ends = self.routers[address], self._ends
         if router.left:
-            for neighbour, packet, token in router.hops():
-                ends.transmit(address, Packet(neighbour, packet, token))
+            for hop in router.hops():
+                ends.transmit(address, Packet(*hop))
             for delivery in router.deliveries():
                 ends.arrived(address, delivery)
             for token, outcome in router.fates():

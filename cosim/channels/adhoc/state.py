@@ -25,6 +25,10 @@ NONE: Final = -1
 NEVER: Final = 1 << 62
 """An instant after all others."""
 
+NOTHING: Final = 0
+FAILURE: Final = 1
+END: Final = 2
+
 FORM: Final = np.dtype([(name, np.int64) for name in Form._fields], align=True)
 
 COMMON: Final = np.dtype(
@@ -114,7 +118,7 @@ PACKET: Final = np.dtype(
         ("short", np.int64),  # failures without a response to an RTS, or to a frame without one
         ("long", np.int64),  # failures of a frame after an RTS
         ("asks", np.bool_),  # an RTS precedes it
-        ("awaited", np.bool_),  # somebody wants to know what becomes of it
+        ("awaited", np.int64),  # what somebody wants to hear of: NOTHING, FAILURE, or END, whatever becomes of it
         ("users", np.int64),  # the queue, and frames that are under way
         ("next", np.int64),  # in the queue, or among the free ones
     ],

@@ -22,6 +22,7 @@ from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
+    END,
     FORM,
     NEVER,
     NONE,
@@ -131,8 +132,11 @@ class Stations:
 
     # ------------------------------------------------------------ what goes in
 
-    def send(self, address: Address, packet: Packet, awaited: bool = True) -> None:
-        """Queue *packet* at a station; the host hears when it is off the queue if that is *awaited*."""
+    def send(self, address: Address, packet: Packet, awaited: int = END) -> None:
+        """Queue *packet* at a station; the host hears when it is off the queue if that is *awaited*.
+
+        That is NOTHING, FAILURE, or its END.
+        """
         destination, octets = packet.destination, len(packet.payload)
         form = self._form_numbers.get((destination == BROADCAST, octets))
         if form is None:
@@ -366,5 +370,5 @@ def _queueing(network: Network, forms: Records, offer: Records) -> Iterator[int]
     """Yield what ``queue`` returns for the packet of which *offer*, (1,), tells, its form by number."""
     while True:
         packet = offer[0]  # not outside of the loop: what is kept from one result to the next is a copy
-        form, asks, awaited = forms[packet.form], packet.asks != 0, packet.awaited != 0
+        form, asks, awaited = forms[packet.form], packet.asks != 0, packet.awaited
         yield queue(network, packet.address, packet.destination, form, asks, awaited, packet.now)

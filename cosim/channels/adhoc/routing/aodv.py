@@ -82,13 +82,10 @@ class Aodv(Control):
         if self._searches:
             self._go_on(now)
 
-    def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
+    def hop_done(self, token: Watch, acknowledged: bool, now: Time) -> None:
         """Note an acknowledgement, or a link that is broken (6.8, 6.10, 6.12)."""
         self.table.age(now)
-        watch = self._watched.pop(token, None)
-        if watch is None:
-            return
-        neighbour, carried, reply = watch
+        neighbour, carried, reply = token
         if neighbour == BROADCAST or acknowledged or not self.settings.use_mac_feedback:
             if carried is not None:
                 good = Outcome.SENT if neighbour == BROADCAST else Outcome.DELIVERED
@@ -107,15 +104,12 @@ class Aodv(Control):
             self._lose(carried)
         self._go_on(now)
 
-    def hop_refused(self, token: int, now: Time) -> None:
+    def hop_refused(self, token: Watch, now: Time) -> None:
         """Lose a payload that the station has had no room for; that breaks no link."""
-        watch = self._watched.pop(token, None)
-        if watch is None:
-            return
-        if watch.reply:
-            self._acks.pop(watch.neighbour, None)
-        if watch.carried is not None:
-            self._lose(watch.carried, Outcome.QUEUE_FULL)
+        if token.reply:
+            self._acks.pop(token.neighbour, None)
+        if token.carried is not None:
+            self._lose(token.carried, Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
         """Do what is due: held broadcasts, hellos, silent neighbours, and searches without a reply."""
