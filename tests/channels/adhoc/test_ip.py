@@ -11,8 +11,8 @@ from cosim.machine import BROADCAST
 
 def test_the_checksum_is_that_of_a_header_whose_sum_is_known() -> None:
     # the worked example of Wikipedia's article on the IPv4 header checksum: 0xb861
-    assert checksum(bytes.fromhex("45000073000040004011 0000 c0a80001c0a800c7")) == 0xB861
-    assert checksum(bytes.fromhex("45000073000040004011 b861 c0a80001c0a800c7")) == 0
+    assert checksum(0x45000073000040004011_0000_C0A80001C0A800C7) == 0xB861
+    assert checksum(0x45000073000040004011_B861_C0A80001C0A800C7) == 0
 
 
 def test_a_datagram_has_these_octets() -> None:

@@ -8,13 +8,14 @@ PATH_DISCOVERY_TIME.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 from cosim.channels.adhoc.routing.aodv_control import Control
 from cosim.channels.adhoc.routing.aodv_output import Watch
 from cosim.channels.adhoc.routing.aodv_routes import MASK
 from cosim.channels.adhoc.routing.aodv_search import Carried, RateLimit, Search
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
-from cosim.channels.adhoc.routing.aodv_wire import Rreq, decode_message
+from cosim.channels.adhoc.routing.aodv_wire import Message, Rreq, decode_message
 from cosim.channels.adhoc.routing.base import Delivery, Unsent
 from cosim.channels.adhoc.routing.flooding import Seen
 from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
@@ -58,29 +59,23 @@ class Aodv(Control):
         else:
             self._route(carried, now)
 
-    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
+    def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
         """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped."""
         self.table.age(now)
-        try:
-            datagram = decode(packet)
-            message = decode_message(datagram.data) if datagram.port == AODV_PORT else None
-        except WireError:
+        due, (datagram, message) = self._due, _understood(packet)
+        if datagram is None or not self._may_be_from(datagram, message, hop):
             self.counts["packets_malformed"] += 1
-            return
-        source, destination = datagram.source, datagram.destination
-        strange = message is not None and (source != hop or destination not in (self.address, BROADCAST))
-        if strange or source == BROADCAST or hop in (self.address, BROADCAST):
-            self.counts["packets_malformed"] += 1
-            return
+            return False
         known = self._neighbours.pop(hop, None)
         if known is not None:
             self._neighbours[hop] = known[0], now
         if message is not None:
             self._hears(message, datagram, hop, now)
-        elif datagram.port == PAYLOAD_PORT and source != self.address:
+        elif datagram.port == PAYLOAD_PORT and datagram.source != self.address:
             self._carry(datagram, hop, now)
         if self._searches:
             self._go_on(now)
+        return self._due != due or self.left
 
     def hop_done(self, token: Watch, acknowledged: bool, now: Time) -> None:
         """Note an acknowledgement, or a link that is broken (6.8, 6.10, 6.12)."""
@@ -130,6 +125,12 @@ class Aodv(Control):
 
     # ------------------------------------------------------------ payloads
 
+    def _may_be_from(self, datagram: Datagram, message: Message | None, hop: Address) -> bool:
+        source, destination = datagram.source, datagram.destination
+        if message is not None and (source != hop or (destination not in (BROADCAST, self.address))):
+            return False
+        return source != BROADCAST and hop not in (BROADCAST, self.address)
+
     def _lose(self, carried: Carried, outcome: Outcome = Outcome.UNACKNOWLEDGED) -> None:
         self.counts["payloads_unrouted"] += 1
         if carried.previous is None and carried.failures == 0 and outcome is Outcome.NO_ROUTE:
@@ -152,13 +153,13 @@ class Aodv(Control):
         elif ttl <= 1:
             self.counts["payloads_unrouted"] += 1
         else:
-            self._route(Carried(datagram._replace(ttl=ttl - 1), hop), now)
+            shorter = Datagram(source, destination, ttl - 1, PAYLOAD_PORT, datagram.number, datagram.data)
+            self._route(Carried(shorter, hop), now)
 
     def _use(self, robots: Sequence[Address], now: Time) -> None:
         """Prolong routes that are used to ACTIVE_ROUTE_TIMEOUT from now (6.2)."""
         until = now + self.times.active_route
-        for robot in robots:
-            self.table.prolong(robot, until)
+        self.table.prolong(robots, until)
         self._engage(until, now)
 
     def _route(self, carried: Carried, now: Time) -> None:
@@ -262,3 +263,13 @@ class Aodv(Control):
             self._lose(carried, Outcome.NO_ROUTE)
         if search.repair is not None:
             self._report([destination], now)
+
+
+@lru_cache(maxsize=64)  # a packet to all is decoded once, not once by every robot that it reaches
+def _understood(packet: bytes) -> tuple[Datagram | None, Message | None]:
+    """Return the datagram of *packet*, None if it makes no sense, and the message that it is if it is one."""
+    try:
+        datagram = decode(packet)
+        return datagram, decode_message(datagram.data) if datagram.port == AODV_PORT else None
+    except WireError:
+        return None, None

@@ -52,8 +52,11 @@ class Router(Protocol):
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
         """Bring *payload* to *destination*, or to all (BROADCAST); its fate is reported if it has a *token*."""
 
-    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
-        """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped."""
+    def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
+        """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped.
+
+        Return False if that has left nothing to drain, and ``wake_at`` is not earlier than it was.
+        """
 
     def hop_done(self, token: Any, acknowledged: bool, now: Time) -> None:
         """Note the fate of a :class:`Hop` with a *token*."""
