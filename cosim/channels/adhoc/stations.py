@@ -52,10 +52,11 @@ _REPORT: Final = Struct(
     "".join(REPORT[name].char if name in _READ else f"{REPORT[name].itemsize}x" for name in REPORT.fields or ()) + "0q"
 )
 """These fields of a report, and what is skipped."""
-_OFFER: Final = np.dtype(
-    [(name, np.int64) for name in ("address", "destination", "form", "asks", "awaited", "now")], align=True
-)
+_OFFERED: Final = ("address", "destination", "form", "asks", "awaited", "now")
+_OFFER: Final = np.dtype([(name, np.int64) for name in _OFFERED], align=True)
 """What ``queue`` is to do; its form by number."""
+_WRITE_OFFER: Final = Struct(f"{len(_OFFERED)}q").pack_into
+"""How Python writes that fastest."""
 
 _Outcome: TypeAlias = tuple[Packet | None, bool, list[Address], list[float], Address, int | None, Report | None]
 """A packet, whether it was acknowledged, the stations, with which powers they have received it, its source, the number
@@ -110,6 +111,7 @@ class Stations:
         """Instant and phase up to which the stations run ahead, for the kernel; and as Python writes them."""
         self._until_written = self._until.data
         self._offer = new_records(1, _OFFER)
+        self._offered = self._offer.view(np.uint8).data
         self._forms = new_records(16, FORM)
         self._form_numbers: dict[tuple[bool, int], int] = {}
         self._use(network)
@@ -141,7 +143,8 @@ class Stations:
         form = self._form_numbers.get((destination == BROADCAST, octets))
         if form is None:
             form = self._new_form(destination == BROADCAST, octets)
-        self._offer[0] = address, destination, form, self._access.asks(packet), awaited, self._kernel.now
+        asks = self._access.asks(packet)
+        _WRITE_OFFER(self._offered, 0, address, destination, form, asks, awaited, self._kernel.now)
         number = next(self._queueing)
         if number == NONE:
             self._make_room()

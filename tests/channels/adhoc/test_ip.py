@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.channels.adhoc.routing import ip
 from cosim.channels.adhoc.routing.ip import Datagram, checksum, decode, encode, ip_of, robot_of
 from cosim.errors import WireError
 from cosim.machine import BROADCAST
@@ -44,7 +45,10 @@ DATAGRAMS = st.builds(
 
 @given(DATAGRAMS)
 def test_what_is_encoded_is_decoded(datagram: Datagram) -> None:
-    assert decode(encode(datagram)) == datagram
+    packet = encode(datagram)
+    assert decode(packet) == datagram, "as it is remembered"
+    ip._known.clear()
+    assert decode(packet) == datagram, "as it is on the air"
 
 
 @given(DATAGRAMS, st.integers(0, 19), st.integers(0, 7))
@@ -53,6 +57,12 @@ def test_a_wrong_bit_in_the_header_is_noticed(datagram: Datagram, place: int, bi
     packet[place] ^= 1 << bit
     with pytest.raises(WireError):
         decode(bytes(packet))
+
+
+def test_only_the_last_packets_are_remembered() -> None:
+    for number in range(2 * ip._KNOWN):
+        decode(encode(Datagram(0, 1, 64, 654, number, b"")))
+        assert len(ip._known) <= ip._KNOWN
 
 
 @given(st.binary(max_size=60))

@@ -62,8 +62,8 @@ class Aodv(Control):
     def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
         """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped."""
         self.table.age(now)
-        due, (datagram, message) = self._due, _understood(packet)
-        if datagram is None or not self._may_be_from(datagram, message, hop):
+        me, due, (datagram, message) = self.address, self._due, _understood(packet, hop)
+        if datagram is None or hop == me or (message is not None and datagram.destination not in (BROADCAST, me)):
             self.counts["packets_malformed"] += 1
             return False
         known = self._neighbours.pop(hop, None)
@@ -71,7 +71,7 @@ class Aodv(Control):
             self._neighbours[hop] = known[0], now
         if message is not None:
             self._hears(message, datagram, hop, now)
-        elif datagram.port == PAYLOAD_PORT and datagram.source != self.address:
+        elif datagram.port == PAYLOAD_PORT and datagram.source != me:
             self._carry(datagram, hop, now)
         if self._searches:
             self._go_on(now)
@@ -111,25 +111,17 @@ class Aodv(Control):
         self.table.age(now)
         self._release(now)
         self._tend_links(now)
-        for destination, search in list(self._searches.items()):
-            if search.due <= now:
-                if search.asked and not search.widen(self.settings):
-                    self._give_up(destination, now)
-                else:
-                    self._request(destination, search, now)
-        self._due = min([*self._links_due(), *(search.due for search in self._searches.values())], default=None)
+        dues: list[Time] = []
+        if self._searches:
+            self._search_on(now)
+            dues += [search.due for search in self._searches.values()]
+        self._due = min(dues + self._links_due(), default=None)
 
     def wake_at(self) -> Time | None:
         """Return an instant before which nothing is due if nothing comes in; right after ``wake`` something is then."""
         return self._due
 
     # ------------------------------------------------------------ payloads
-
-    def _may_be_from(self, datagram: Datagram, message: Message | None, hop: Address) -> bool:
-        source, destination = datagram.source, datagram.destination
-        if message is not None and (source != hop or (destination not in (BROADCAST, self.address))):
-            return False
-        return source != BROADCAST and hop not in (BROADCAST, self.address)
 
     def _lose(self, carried: Carried, outcome: Outcome = Outcome.UNACKNOWLEDGED) -> None:
         self.counts["payloads_unrouted"] += 1
@@ -192,6 +184,15 @@ class Aodv(Control):
             self._route(carried, now)
 
     # ------------------------------------------------------------ searches
+
+    def _search_on(self, now: Time) -> None:
+        """Send the requests that are due, and end searches without a reply."""
+        for destination, search in list(self._searches.items()):
+            if search.due <= now:
+                if search.asked and not search.widen(self.settings):
+                    self._give_up(destination, now)
+                else:
+                    self._request(destination, search, now)
 
     def _repairs(self, destination: Address) -> bool:
         return self.settings.local_repair and destination in self._searches
@@ -266,10 +267,13 @@ class Aodv(Control):
 
 
 @lru_cache(maxsize=64)  # a packet to all is decoded once, not once by every robot that it reaches
-def _understood(packet: bytes) -> tuple[Datagram | None, Message | None]:
-    """Return the datagram of *packet*, None if it makes no sense, and the message that it is if it is one."""
+def _understood(packet: bytes, hop: Address) -> tuple[Datagram | None, Message | None]:
+    """Return the datagram of a *packet* from *hop*, None if it makes no sense, and the message in it if it has one."""
     try:
         datagram = decode(packet)
-        return datagram, decode_message(datagram.data) if datagram.port == AODV_PORT else None
+        message = decode_message(datagram.data) if datagram.port == AODV_PORT else None
     except WireError:
         return None, None
+    if BROADCAST in (datagram.source, hop) or (message is not None and datagram.source != hop):
+        return None, None  # messages make one hop
+    return datagram, message

@@ -253,7 +253,7 @@ class Control(Output):
                 self._blacklist[neighbour] = now + self.times.blacklist
 
     def _links_due(self) -> list[Time]:
-        due = list(self._acks.values())
+        due = [*self._acks.values()]
         if self._neighbours:
             due.append(next(iter(self._neighbours.values()))[1] + self.times.loss)
         if self._hello_at is not None:

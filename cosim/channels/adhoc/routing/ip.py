@@ -3,7 +3,7 @@
 Robot n has the address 10.0.(n div 250).(1 + n mod 250). A packet to all in reach goes to 255.255.255.255.
 """
 
-from functools import cache, lru_cache
+from functools import cache
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -24,6 +24,9 @@ _HEADERS: Final = Struct(f"{_IP.format}HHHH")
 _FIRST: Final = 0x45
 """The first octet of IPv4 without options."""
 _PER_BLOCK: Final = 250
+_KNOWN: Final = 1024
+"""The most packets of which the datagram is remembered."""
+_known: dict[bytes, "Datagram"] = {}
 
 
 class Datagram(NamedTuple):
@@ -64,12 +67,30 @@ def encode(datagram: Datagram) -> bytes:
     one, other = ip_of(source), ip_of(destination)
     rest = checksum((_FIRST << 8) + length + number + (ttl << 8 | UDP) + one + other)
     udp = port, port, length - _IP.size, 0  # 0: no checksum, the FCS has one
-    return _HEADERS.pack(_FIRST, 0, length, number, 0, ttl, UDP, rest, one, other, *udp) + data
+    packet = _HEADERS.pack(_FIRST, 0, length, number, 0, ttl, UDP, rest, one, other, *udp) + data
+    _remember(packet, Datagram(source, destination, ttl, port, number, data))
+    return packet
 
 
-@lru_cache(maxsize=64)  # a packet to all is decoded once, not once by every robot that it reaches
+def _remember(packet: bytes, datagram: Datagram) -> None:
+    if len(_known) == _KNOWN:
+        _known.clear()
+    _known[packet] = datagram
+
+
 def decode(packet: bytes) -> Datagram:
-    """Return the datagram in *packet*; raise WireError for what ``encode`` would not have made."""
+    """Return the datagram in *packet*; raise WireError for what ``encode`` would not have made.
+
+    It has been encoded here or decoded for another robot lately, mostly: then it is known.
+    """
+    datagram = _known.get(packet)
+    if datagram is None:
+        datagram = _decoded(packet)
+        _remember(packet, datagram)
+    return datagram
+
+
+def _decoded(packet: bytes) -> Datagram:
     if len(packet) < HEADER_OCTETS:
         raise WireError(f"{len(packet)} octets are no UDP datagram")
     fields = _HEADERS.unpack_from(packet)
