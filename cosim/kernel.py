@@ -131,7 +131,8 @@ class Kernel:
         :exc:`TypeError` if it is not an integer (a float clock would break every comparison of slots).
         """
         time, environment = index(time), self.environment
-        if (time, priority) < self.phase or time < environment._now:
+        now = environment._now
+        if time <= now and (time < now or (time, priority) < self.phase):
             raise LocalProtocolError(
                 f"scheduled at {time} ns, priority {priority}, but it is {self.now} ns, phase {self.phase[1]}"
             )

@@ -252,7 +252,9 @@ def misuse(item: object, size: int, radios: Container[int]) -> str | None:
             return None
         if item.radio not in radios:
             return f"the robot has no radio {item.radio}"
-        named: tuple[Address, ...] = () if item.destination == BROADCAST else (item.destination,)
+        if item.destination == BROADCAST:
+            return None
+        named: tuple[Address, ...] = (item.destination,)
     elif isinstance(item, LinkCommand):
         named = _named(item)
     else:

@@ -204,8 +204,8 @@ BAND_FAULTS = [
         "a broken broadcast is not heard",
         "band",
         "slots",
-        "elif fate.header_heard:",
-        "elif fate.heard is Heard.RECEIVED:",
+        "            if not fate.header_heard:\n                continue",
+        "            if fate.heard is not Heard.RECEIVED:\n                continue",
     ),
     Fault(
         "the answer is as strong as the question, with payloads",

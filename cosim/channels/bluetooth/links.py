@@ -85,7 +85,7 @@ class Links:
 
     def audience(self) -> bool:
         """Return whether the master takes any device to hear its broadcasts."""
-        return bool(self.table[HELD].any())
+        return any(self.table[HELD].tolist())
 
     def up(self, k: int, side: int) -> bool:
         """Return whether one side, HELD or JOINED, of link *k* is up."""

@@ -5,6 +5,7 @@ together). Every change of powers, or of the devices that send, comes through he
 first.
 """
 
+import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -87,7 +88,7 @@ class Fate(NamedTuple):
     @property
     def header_heard(self) -> bool:
         """True if the receiver has noticed the frame and knows its header."""
-        return self.heard in (Heard.RECEIVED, Heard.REFUSED) or self.part is Part.PAYLOAD
+        return self.heard is Heard.RECEIVED or self.heard is Heard.REFUSED or self.part is Part.PAYLOAD
 
 
 _PARTS: Final = tuple(Part)
@@ -150,7 +151,8 @@ class Air:
         self._jammers: Jammers | None = None
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
-        self._detectable_dbm = noise_dbm + mediums.DETECTABLE_DB
+        self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
+        """Power from which on a receiver notices a frame."""
         self._record = record
         self._running = 0
         """Number of piconets that send anything."""
@@ -186,7 +188,7 @@ class Air:
 
     def reaches(self, carrier_dbm: float) -> bool:
         """Return whether a receiver notices a frame of this power."""
-        return carrier_dbm >= self._detectable_dbm and carrier_dbm > _NOTHING_DBM
+        return carrier_dbm >= self.least_dbm
 
     def set_jammers(self, jammers: Sequence[Jammer], now: Time) -> None:
         """Put these jammers, and no others, on the air; no device receives them before :meth:`set_jam_powers`."""
@@ -331,7 +333,7 @@ class Air:
 
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
         """Return the fate of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""
-        if not self.reaches(carrier_dbm):
+        if carrier_dbm < self.least_dbm:
             return FAR
         if self.calm and frame.start >= self.stray:
             return GOOD
@@ -352,7 +354,7 @@ class Air:
 
         *carrier_dbm* is its power there; *bits* counts its payload with header and CRC, all of it coded (an FHS).
         """
-        if not self.reaches(carrier_dbm):
+        if carrier_dbm < self.least_dbm:
             return FAR
         return self._sections(frame, receiver, carrier_dbm, bits, True, first)
 
