@@ -142,7 +142,8 @@ class Air:
         noise_dbm: float = float("-inf"),
         key: tuple[int, int] = (0, 0),
     ) -> None:
-        self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference]))
+        self.medium = mediums.new_medium(size, MODES[interference])
+        self.band: Band = bands.new_band(self.medium)
         self.adapted: Adapted | None = None
         """The adapted hop sets, if there are any."""
         self.noise = Noise(noise_dbm, *key) if noise_dbm > _NOTHING_DBM else None
@@ -177,13 +178,13 @@ class Air:
     def set_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let devices receive each other with *power_dbm*, shape (n, n), from now on; -inf is nothing."""
         self.advance(now, now - 1)
-        self.band.medium.power_dbm[:] = power_dbm
+        self.medium.power_dbm[:] = power_dbm
         self._power = None
 
     def carrier(self, source: Address, receiver: Address) -> float:
         """Return the power in dBm with which *receiver* gets *source* now."""
         if self._power is None:
-            self._power = self.band.medium.power_dbm.tolist()
+            self._power = self.medium.power_dbm.tolist()
         return self._power[source][receiver]
 
     def reaches(self, carrier_dbm: float) -> bool:
@@ -193,7 +194,7 @@ class Air:
     def set_jammers(self, jammers: Sequence[Jammer], now: Time) -> None:
         """Put these jammers, and no others, on the air; no device receives them before :meth:`set_jam_powers`."""
         self.advance(now)
-        power_mw = np.zeros((len(jammers), len(self.band.medium.power_dbm)))
+        power_mw = np.zeros((len(jammers), len(self.medium.power_dbm)))
         self._jammers = Jammers(mediums.jam_records(jammers), power_mw) if jammers else None
         self.changed(now)
 
@@ -223,14 +224,14 @@ class Air:
             if self._master is None:
                 self._advance_together(now, last_end)
             elif self._alone:
-                bands.run_alone(self.band, self.noise, self._jammers, self.adapted, self._master, now, last_end)
+                bands.run_alone(*self.band, self.noise, self.adapted, self._master, now, last_end)
         if now >= self._closing:
             self._forget_trains(now)
 
     def _advance_together(self, now: Time, last_end: Time, log: Int64s = _NO_LOG) -> int:
         self._put_sent()
         self._others = max(self._others, now + LONGEST_FRAME)
-        return int(bands.advance(self.band, self.noise, self._jammers, self.adapted, now, last_end, log))
+        return int(bands.advance(self.band, self.medium, self.noise, self._jammers, self.adapted, now, last_end, log))
 
     def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
@@ -268,7 +269,7 @@ class Air:
     def _settle(self, master: Address | None, now: Time) -> None:
         """Note what can destroy frames; *master* is that of the only piconet that sends anything, if it is."""
         self._stray_until(now + LONGEST_FRAME)
-        medium = self.band.medium
+        medium = self.medium
         quiet = medium.mode == mediums.NONE or (not len(medium.trains) and self._jammers is None)
         self._master = master if quiet else None
         alone = medium.mode == mediums.NONE or self._running <= 1
@@ -300,7 +301,7 @@ class Air:
     def _put_sent(self) -> None:
         """Put into the medium what is not there yet."""
         for source, start, end, channel in self._sent:
-            mediums.put(self.band.medium, source, start, end, channel)
+            mediums.put(self.medium, source, start, end, channel)
             self._others = max(self._others, end)
         self._sent.clear()
 
@@ -368,7 +369,7 @@ class Air:
             return GOOD if noise is None else _by_noise(noise, frame, receiver, carrier_dbm, bits, coded, first)
         self._put_sent()
         fate: int = mediums.judge(
-            self.band.medium,
+            self.medium,
             self.noise,
             self._jammers,
             frame.source,
@@ -415,7 +416,7 @@ class Air:
         self.advance(now)
         train["channels"] = channels
         self._forget_trains(now)
-        before = self.band.medium.trains
+        before = self.medium.trains
         trains = mediums.records(len(before) + 1, mediums.TRAIN)
         trains[:-1], trains[-1] = before, train[0]
         new = _Train(int(train["sender"][0]), int(train["until"][0]))
@@ -427,25 +428,25 @@ class Air:
         for row, train in enumerate(self._trains):
             if train.end > since and train.device == device:
                 gap, train.gaps = train.gaps, (train.gaps + 1) % mediums.GAPS
-                records = self.band.medium.trains
+                records = self.medium.trains
                 records["silent_since"][row, gap], records["silent_until"][row, gap] = since, until
 
     def close_train(self, device: Address, at: Time) -> None:
         """Let the train of *device*, if it sends one, send nothing more that would start at or after *at*."""
         for row, train in enumerate(self._trains):
             if train.end > at and train.device == device:
-                self.band.medium.trains["until"][row] = train.end = at
+                self.medium.trains["until"][row] = train.end = at
                 self._closing = min(self._closing, at + 2 * LONGEST_FRAME)
 
     def _forget_trains(self, now: Time) -> None:
         """Drop the trains that ended so long ago that nothing on the air can have met them."""
         kept = [row for row, train in enumerate(self._trains) if train.end + 2 * LONGEST_FRAME > now]
         if len(kept) < len(self._trains):
-            self._set_trains(self.band.medium.trains[kept], [self._trains[row] for row in kept])
+            self._set_trains(self.medium.trains[kept], [self._trains[row] for row in kept])
             self._trains_changed(now)
 
     def _set_trains(self, records: Records, trains: list["_Train"]) -> None:
-        self.band = self.band._replace(medium=self.band.medium._replace(trains=records))
+        self.medium = self.medium._replace(trains=records)
         self._trains = trains
         self._closing = min((train.end for train in trains), default=FOREVER) + 2 * LONGEST_FRAME
 
