@@ -169,6 +169,8 @@ class Air:
         self.stray: Time = 0
         """Instant from which nothing is on the air that a change, an inquiry or a page has left there."""
         self._trains: list[_Train] = []  # as in the medium
+        self._silences: tuple[Int64s, Int64s]
+        """Where the medium keeps when trains are interrupted, by train."""
         self._closing: Time = FOREVER  # when the first train that has ended may be forgotten
         self._power: list[list[float]] | None = None
         """The powers, if anybody has asked for one since they changed."""
@@ -250,12 +252,12 @@ class Air:
     def changed(self, now: Time) -> None:
         """Note that devices have begun or ended to send or to listen; all piconets must be advanced to *now* before."""
         piconets, links = self.band.piconets, self.band.links
-        sends = (piconets[:, RUNNING] > 0) & links[:, HELD].any(axis=1)
+        sends = (piconets[:, RUNNING] > 0) & np.logical_or.reduce(links[:, HELD], axis=1)
         # a pair under way outlives the pause, and the last link, of its piconet
         ending = (piconets[:, STAGE] > 0) & ~sends
         self._disturb()
         masters = sends.nonzero()[0].tolist()
-        self._running = len(masters) + int(ending.sum())
+        self._running = len(masters) + np.count_nonzero(ending)
         self._settle(masters[0] if len(masters) == self._running == 1 else None, now)
 
     def _trains_changed(self, now: Time) -> None:
@@ -306,7 +308,8 @@ class Air:
         self._sent.clear()
 
     def _stray_until(self, time: Time) -> None:
-        self.stray = max(self.stray, time)
+        if time > self.stray:
+            self.stray = time
 
     # ------------------------------------------------------------ frames of piconets
 
@@ -425,11 +428,11 @@ class Air:
 
     def silence_train(self, device: Address, since: Time, until: Time) -> None:
         """Let the train of *device*, if it sends one, send nothing that would start in [since, until)."""
+        begins, ends = self._silences
         for row, train in enumerate(self._trains):
             if train.end > since and train.device == device:
                 gap, train.gaps = train.gaps, (train.gaps + 1) % mediums.GAPS
-                records = self.medium.trains
-                records["silent_since"][row, gap], records["silent_until"][row, gap] = since, until
+                begins[row, gap], ends[row, gap] = since, until
 
     def close_train(self, device: Address, at: Time) -> None:
         """Let the train of *device*, if it sends one, send nothing more that would start at or after *at*."""
@@ -448,6 +451,7 @@ class Air:
     def _set_trains(self, records: Records, trains: list["_Train"]) -> None:
         self.medium = self.medium._replace(trains=records)
         self._trains = trains
+        self._silences = records["silent_since"], records["silent_until"]
         self._closing = min((train.end for train in trains), default=FOREVER) + 2 * LONGEST_FRAME
 
 
