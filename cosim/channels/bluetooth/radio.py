@@ -257,7 +257,7 @@ class Air:
         ending = (piconets[:, STAGE] > 0) & ~sends
         self._disturb()
         masters = sends.nonzero()[0].tolist()
-        self._running = len(masters) + np.count_nonzero(ending)
+        self._running = len(masters) + int(np.count_nonzero(ending))
         self._settle(masters[0] if len(masters) == self._running == 1 else None, now)
 
     def _trains_changed(self, now: Time) -> None:
