@@ -21,7 +21,6 @@ from operator import index
 from typing import Any, Final
 
 import simpy
-from simpy.core import StopSimulation
 
 from cosim.errors import LocalProtocolError
 from cosim.units import Time
@@ -115,6 +114,8 @@ class Kernel:
         self.phase: tuple[Time, int] = (0, STOP)
         self.executed = 0
         self._ends: list[simpy.Event] = []
+        self._over = False
+        """True once an end of the present run is reached."""
         self._calling = False
         """True inside of a callback."""
         self._soon: deque[tuple[Time, int, int, Callback]] = deque()
@@ -132,7 +133,8 @@ class Kernel:
         :exc:`TypeError` if it is not an integer (a float clock would break every comparison of slots).
         """
         time, environment = index(time), self.environment
-        if (time, priority) < self.phase or time < environment._now:
+        now = environment._now
+        if time <= now and (time < now or (time, priority) < self.phase):
             raise LocalProtocolError(
                 f"scheduled at {time} ns, priority {priority}, but it is {self.now} ns, phase {self.phase[1]}"
             )
@@ -204,8 +206,12 @@ class Kernel:
             raise LocalProtocolError(f"cannot run until {until} ns: this is inside of a run")
         if until < self.now:
             raise LocalProtocolError(f"cannot run until {until} ns: it is {self.now} ns")
+        step = self.environment.step
+        self._over = False
+        self._end(until)
         try:
-            self.environment.run(until=self._end(until))
+            while not self._over:
+                step()
         finally:
             self._calling = False
             self._queue_soon()
@@ -220,15 +226,19 @@ class Kernel:
         """
         if not self._ends:
             raise LocalProtocolError(f"nothing to stop at {self.now} ns: nothing runs")
-        self._end(self.now).callbacks.append(StopSimulation.callback)
+        self._end(self.now)
 
-    def _end(self, time: Time) -> simpy.Event:
+    def _end(self, time: Time) -> None:
+        """Have the present run end at *time*."""
         event = simpy.Event(self.environment)
         event._ok = True
         event._value = None
+        event.callbacks.append(self._reach_end)
         self._schedule(time, STOP, event)
         self._ends.append(event)
-        return event
+
+    def _reach_end(self, event: simpy.Event) -> None:
+        self._over = True
 
     def _schedule(self, time: Time, priority: int, event: simpy.Event) -> None:
         environment = self.environment

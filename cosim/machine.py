@@ -322,8 +322,12 @@ class Machine(Protocol):
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take news about links and about the fate of payloads."""
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        """Take what the robot senses at a world tick."""
+    def observe(self, observation: Observation, now: Time) -> bool | None:
+        """Take what the robot senses at a world tick.
+
+        A machine may return False if nothing has come of it, neither output nor another deadline: then it is not
+        asked for any.
+        """
 
     def wake(self, now: Time) -> None:
         """Act on all deadlines up to *now* (``now >= wake_at()``); idempotent."""

@@ -120,8 +120,7 @@ class Node:
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Pass what the robot senses to the machine, and act on it."""
-        if self.alive:
-            self.machine.observe(observation, now)
+        if self.alive and self.machine.observe(observation, now) is not False:
             self.drain(now)
 
     def drain(self, now: Time) -> None:
@@ -253,7 +252,9 @@ def misuse(item: object, size: int, radios: Container[int]) -> str | None:
             return None
         if item.radio not in radios:
             return f"the robot has no radio {item.radio}"
-        named: tuple[Address, ...] = () if item.destination == BROADCAST else (item.destination,)
+        if item.destination == BROADCAST:
+            return None
+        named: tuple[Address, ...] = (item.destination,)
     elif isinstance(item, LinkCommand):
         named = _named(item)
     else:
@@ -299,8 +300,8 @@ class _OtherTime:
     def link(self, event: LinkEvent, now: Time) -> None:
         self._machine.link(event, now + self.offset)
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        self._machine.observe(observation, now + self.offset)
+    def observe(self, observation: Observation, now: Time) -> bool | None:
+        return self._machine.observe(observation, now + self.offset)
 
     def wake(self, now: Time) -> None:
         self._machine.wake(now + self.offset)

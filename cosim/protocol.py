@@ -94,18 +94,19 @@ def anywhere(
     Raise UserError if there is no such place.
     """
     x_min, y_min, x_max, y_max = surroundings.bounds_m
-    radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
-    starts: list[tuple[float, float]] = []
-    for robot, radius_m in enumerate(radii_m):
+    radii_m = np.array(surroundings.radii_m or (surroundings.radius_m,) * size)
+    x_m, y_m = np.empty(len(radii_m)), np.empty(len(radii_m))
+    for robot, radius_m in enumerate(radii_m.tolist()):
         for _ in range(ATTEMPTS):
-            point = float(stream.uniform(x_min, x_max)), float(stream.uniform(y_min, y_max))
-            apart = all(math.dist(point, other) > radius_m + radii_m[k] for k, other in enumerate(starts))
-            if apart and surroundings.fits(point, radius_m):
-                starts.append(point)
+            x, y = float(stream.uniform(x_min, x_max)), float(stream.uniform(y_min, y_max))
+            dx_m, dy_m = x_m[:robot] - x, y_m[:robot] - y
+            away_m = np.sqrt(dx_m * dx_m + dy_m * dy_m)
+            if (away_m > radius_m + radii_m[:robot]).all() and surroundings.fits((x, y), radius_m):
+                x_m[robot], y_m[robot] = x, y
                 break
         else:
             raise UserError(f"team.starts: found no place for robot {robot}; say where robots start")
-    return starts
+    return list(zip(x_m.tolist(), y_m.tolist(), strict=True))
 
 
 class Referee(Protocol):

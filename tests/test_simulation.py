@@ -1,5 +1,6 @@
 """One run: one order of phases a tick, when commands act, how it ends, and that the seed decides everything."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -452,6 +453,25 @@ def test_a_dead_machine_need_not_finish():
 
 def test_the_referee_ends_a_run():
     assert simulate(scenario(over_s=0.5), 1).simulated_s == 0.5
+
+
+@pytest.mark.parametrize(("before", "during"), [(700, 4000), (5000, 5000), (0, 0)])
+def test_what_a_tick_makes_of_objects_does_not_call_the_collector_that_a_user_has_set(
+    before: int, during: int, monkeypatch: pytest.MonkeyPatch
+):
+    kept, seen = gc.get_threshold(), []
+    monkeypatch.setattr("cosim.simulation.OBJECTS_A_ROBOT", 2000)
+    run = Simulation(scenario(), 1)
+    run.kernel.at(S, lambda: seen.append(gc.get_threshold()))
+    run.kernel.at(S + 1, lambda: 1 // 0)
+    try:
+        gc.set_threshold(before, *kept[1:])
+        with pytest.raises(ZeroDivisionError):
+            run.run()
+        assert gc.get_threshold() == (before, *kept[1:])
+    finally:
+        gc.set_threshold(*kept)
+    assert seen == [(during, *kept[1:])]
 
 
 # ---------------------------------------------------------------- what comes out

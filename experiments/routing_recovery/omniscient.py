@@ -37,13 +37,14 @@ class Omniscient(Queues):
         if not self._settled(destination, payload, token):
             self._route(Datagram(self._address, destination, TTL, PAYLOAD_PORT, 0, payload), token)
 
-    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
+    def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
         """Take a payload, or pass it on."""
         datagram = decode(packet)
         if datagram.destination == self._address:
             self._deliveries.append(Delivery(datagram.source, datagram.data, False))
         else:
             self._route(datagram, None)
+        return True
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
         """Send a payload another way that a neighbour has not taken: that one is known to be off."""

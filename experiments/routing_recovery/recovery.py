@@ -141,6 +141,9 @@ class Observed(AdhocChannel):
             self.sent_to[link] = self.sent_to.get(link, 0) + 1
         super().transmit(address, packet)
 
+    def _queue(self, address: Address, packet: Packet) -> None:
+        self._stations.send(address, packet)  # of whose end ``done`` is to hear, whoever else is
+
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
         """Note what becomes of a payload."""
         if packet.destination != BROADCAST and decode(packet.payload).port == PAYLOAD_PORT:

@@ -277,12 +277,15 @@ class Application:
         self._input(Input.BROKEN, now)
         self.broadcast.leave()
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        """Localize the robot, or follow the progress of its drive."""
+    def observe(self, observation: Observation, now: Time) -> bool:
+        """Localize the robot, or follow the progress of its drive; return whether anything but that has changed."""
         if not self.placed:
             self._take_place(observation, now)
-            return
-        match self.steering.observe(observation):
+            return True
+        progress = self.steering.observe(observation)
+        if progress is Progress.NONE:
+            return False
+        match progress:
             case Progress.ARRIVED:
                 self._input(Input.ARRIVED, now)
             case Progress.TURNED_BACK:
@@ -290,6 +293,7 @@ class Application:
             case Progress.STUCK:
                 self.coordination.stuck(self.coordination.localize(observation.x_m, observation.y_m))
                 self._input(Input.ARRIVED, now)
+        return True
 
     def wake(self, now: Time) -> None:
         """Act on the deadlines that have come."""

@@ -119,6 +119,8 @@ class Broadcast:
         self._early: dict[Address, Message] = {}
         self._submitted = False
         self._last: bytes | None = None
+        self._poll = b""
+        """Poll of all slaves in this exchange."""
         self._roll_call = False
 
     def find_master(self) -> Address | None:
@@ -190,6 +192,7 @@ class Broadcast:
         self.polls.pending = [member for member in self.members if member != self.me]
         if self.polls.pending:
             self._send_to_all(encode(message))
+            self._poll = encode(self._sync())
         self._poll_next(now)
 
     def _announce(self, members: tuple[Address, ...], now: Time) -> None:
@@ -211,7 +214,7 @@ class Broadcast:
 
     def _poll_next(self, now: Time) -> None:
         if self.polls.pending:
-            self.polls.begin(encode(self._sync()), now)
+            self.polls.begin(self._poll, now)
         else:
             self.polls.stop()
             self._complete(now)
@@ -224,7 +227,7 @@ class Broadcast:
             self.polls.pending.pop(0)
             self._send_to_all(encode(message))
             self._poll_next(now)
-        elif not self.polls.again(encode(self._sync()), now):
+        elif not self.polls.again(self._poll, now):
             self._drop(slave, now)
 
     def _drop(self, slave: Address, now: Time) -> None:
@@ -311,13 +314,13 @@ class Broadcast:
         if reception.source != self.master:
             return
         match packet:
-            case Sync():
-                self._synchronise(packet, now)
-            case Message(kind=Kind.ANSWER, addressee=addressee) if addressee is not None:
+            case Message(addressee=None):
+                self._hear(packet, now)
+            case Message(kind=Kind.ANSWER, addressee=addressee):
                 if addressee == self.me:
                     self._upcall(Answered(packet), now)
-            case Message():
-                self._hear(packet, now)
+            case Sync():
+                self._synchronise(packet, now)
             case Acknowledgement(negative=True) if self._last is not None:
                 self._send_to_master(self._last)
 
@@ -351,17 +354,17 @@ class Broadcast:
     def _hear(self, message: Message, now: Time) -> None:
         if message.source not in self.members:
             return
-        match ahead_of(self.exchange, message.exchange):
-            case 0:
-                self._heard.setdefault(message.source, message)
-                self._repair_at = now + self._repair
-                self._asked = False
-                if not self._submitted:
-                    self._upcall(MessageWanted(), now)
-                self._complete(now)
-            case 1:
-                self._early.setdefault(message.source, message)
-                self._ask_once(now)
+        ahead = ahead_of(self.exchange, message.exchange)
+        if ahead == 0:
+            self._heard.setdefault(message.source, message)
+            self._repair_at = now + self._repair
+            self._asked = False
+            if not self._submitted:
+                self._upcall(MessageWanted(), now)
+            self._complete(now)
+        elif ahead == 1:
+            self._early.setdefault(message.source, message)
+            self._ask_once(now)
 
     # ------------------------------------------------------------ both
 

@@ -173,26 +173,30 @@ class Coordination:
 
     def take_positions(self, messages: Mapping[Address, Message]) -> None:
         """Take over the places of all robots; a cell is covered once its robot has reported from it at rest."""
+        setup, view = self._setup, self.view
         for robot, message in messages.items():
-            cell = self._setup.cell(message.x, message.y)
-            if cell is None or cell not in self._setup.cells:
+            cell = setup.cell(message.x, message.y)
+            if cell is None or cell not in setup.cells:
                 continue  # no robot can be there: a peer's fault, not ours
-            if robot != self.view.me:  # I know better: I may have turned back since
-                self.view.cells[robot] = cell
+            if robot != view.me:  # I know better: I may have turned back since
+                view.cells[robot] = cell
             if message.kind == Kind.STOP:
                 self._stopped.add(robot)
-            self.plan_due = self.plan_due or message.kind in (Kind.ROLL, Kind.MAP)
-            self._go_around(robot, cell, message)
+            elif message.kind in (Kind.ROLL, Kind.MAP):
+                self.plan_due = True
+            if Verdict.WALL in message.verdicts:
+                self._go_around(robot, cell, message)
             if not message.busy:
-                self.view.obstacles -= {cell}  # what stood there is the robot that is heard now
-                self.own_cells += robot == self.view.me and cell not in self.view.covered
-                self.view.covered.add(cell)
+                if cell in view.obstacles:
+                    view.obstacles -= {cell}  # what stood there is the robot that is heard now
+                if cell not in view.covered:
+                    self.own_cells += robot == view.me
+                    view.covered.add(cell)
 
     def _go_around(self, robot: Address, cell: Cell, message: Message) -> None:
         """Mark cells as obstacles that a robot could not enter, though there is no wall on the plan."""
-        for step, verdict in zip(STEPS, message.verdicts, strict=True):
-            beyond = self._setup.steps[cell][step]
-            if verdict == Verdict.WALL and beyond >= 0:
+        for beyond, verdict in zip(self._setup.steps[cell], message.verdicts, strict=True):
+            if beyond >= 0 and verdict == Verdict.WALL:
                 self.plan_due = self.plan_due or beyond not in self.view.obstacles
                 self.view.obstacles |= {beyond}
                 if robot == self.view.me:

@@ -5,7 +5,7 @@ may be out of reach for the others: only what they can still reach counts from t
 """
 
 import math
-from typing import Any
+from itertools import zip_longest
 
 import numpy as np
 
@@ -41,21 +41,23 @@ class CoverageReferee(Referee):
         """Cells that are to be covered."""
         self._target = len(setup.cells)
         self._covered = 0
-        self._last: Any = None
+        self._last: list[Cell] = []
+        """Each robot's cell at the last tick."""
         self._complete_at: Time | None = None
         self._dead: set[Address] = set()
         self._bodies: set[Cell] = set()
 
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
         """Count the cells that were entered since the last tick; never end the run: the team itself finds its end."""
-        grid = self._grid
-        columns = np.floor((x_m - grid.origin_m[0]) / grid.cell_m).astype(np.int64)
-        rows = np.floor((y_m - grid.origin_m[1]) / grid.cell_m).astype(np.int64)
-        cells = rows * grid.nx + columns
-        entered = cells if self._last is None else cells[cells != self._last]
-        self._last = cells
-        if entered.size:
+        (west_m, south_m), cell_m, nx = self._grid.origin_m, self._grid.cell_m, self._grid.nx
+        cells = [
+            math.floor((y - south_m) / cell_m) * nx + math.floor((x - west_m) / cell_m)
+            for x, y in zip(x_m.tolist(), y_m.tolist(), strict=True)
+        ]
+        if cells != self._last:
+            entered = [cell for cell, last in zip_longest(cells, self._last) if cell != last]
             np.add.at(self._visits, entered, 1)
+            self._last = cells
             self._count(now)
         return False
 
@@ -63,7 +65,7 @@ class CoverageReferee(Referee):
         """Remove the cells that the dead body touches, and all that it cuts off, from what is to be covered."""
         self._dead.add(death.robot)
         self._bodies.update(cells_touched(self._grid, death.x_m, death.y_m, death.radius_m))
-        living = [] if self._last is None else [c for r, c in enumerate(self._last.tolist()) if r not in self._dead]
+        living = [cell for robot, cell in enumerate(self._last) if robot not in self._dead]
         if not living:
             return  # no robot is left to cover anything: what was to be covered stays the measure
         blocked = np.isin(self._grid.steps, list(self._bodies))

@@ -79,4 +79,4 @@ class Events:
 
     def drain(self) -> list[Event]:
         """Drain the events."""
-        return drained(self._events)
+        return drained(self._events) if self._events else []

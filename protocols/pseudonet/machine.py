@@ -97,11 +97,13 @@ class Pseudonet:
                 self.application.lost(event.peer, now)
         self._follow(now)
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        """Process what the robot senses."""
-        self.application.observe(observation, now)
-        self._set_up(now)
-        self._follow(now)
+    def observe(self, observation: Observation, now: Time) -> bool:
+        """Process what the robot senses; return whether that changed anything."""
+        changed = self.application.observe(observation, now)
+        if changed or self._set_up_due:
+            self._set_up(now)
+            self._follow(now)
+        return changed
 
     def wake(self, now: Time) -> None:
         """Act on the deadlines that have come."""
@@ -118,19 +120,22 @@ class Pseudonet:
     def wake_at(self) -> Time | None:
         """Return the earliest deadline."""
         application = self.application
-        deadlines = (
+        earliest = self._silent_at if self._watching() else None
+        for deadline in (
             self._start,
-            self._silent_at if self._watching() else None,
             self.bluetooth.deadline,
             application.begin_at,
             application.rest_until,
             application.broadcast.deadline,
-        )
-        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+        ):
+            if deadline is not None and (earliest is None or deadline < earliest):
+                earliest = deadline
+        return earliest
 
     def _watching(self) -> bool:
-        layer = self.application.broadcast
-        return layer.polled and layer.find_master() not in (None, self.me) and not self.finished
+        application = self.application
+        layer = application.broadcast
+        return layer.polled and layer.find_master() not in (None, self.me) and not application.finished
 
     def _set_up(self, now: Time) -> None:
         if not (self._set_up_due and self.application.placed):
@@ -154,10 +159,11 @@ class Pseudonet:
 
     def _follow(self, now: Time) -> None:
         """Pass changes of the team on to the Bluetooth layer."""
-        if self.finished:
+        application = self.application
+        if application.finished:
             self.bluetooth.leave()
             return
-        layer = self.application.broadcast
+        layer = application.broadcast
         if layer.find_master() is None:
             self._team = None
         elif layer.members is not self._team:
@@ -168,11 +174,13 @@ class Pseudonet:
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
         """Drain payloads and link commands of the two lower layers."""
-        return drained(self.bluetooth.out) + drained(self.application.broadcast.out)
+        lower, upper = self.bluetooth.out, self.application.broadcast.out
+        return drained(lower) + drained(upper) if lower or upper else []
 
     def commands(self) -> list[Command]:
         """Drain motion commands."""
-        return drained(self.application.steering.motion)
+        motion = self.application.steering.motion
+        return drained(motion) if motion else []
 
     def events(self) -> list[Event]:
         """Drain rows for the trace."""

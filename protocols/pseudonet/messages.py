@@ -22,10 +22,10 @@ missed, as broadcasts are not acknowledged.
 These are the bytes of teams of up to eight robots; beyond, all packets take the wide form (module ``wide``).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
-from functools import lru_cache
-from typing import Final
+from functools import cache, lru_cache
+from typing import Any, Final
 
 from cosim.errors import WireError
 from protocols import wire
@@ -207,6 +207,7 @@ class Missing:
 Packet = Message | Sync | Acknowledgement | Missing
 
 
+@lru_cache(maxsize=256)  # a master sends on what it has decoded, and one poll to slave after slave
 def encode(packet: Packet) -> bytes:
     """Return the bytes of *packet*; raise :exc:`WireError` for a value that its field cannot hold."""
     head = {"source": packet.source, "exchange": packet.exchange, "kind": Kind.NONE}
@@ -335,30 +336,25 @@ def _decode(data: bytes) -> Packet:
 
 def message_of(values: dict[str, int], source: int, addressee: int | None, marks: int) -> Message:
     """Return the message with these fields; raise ValueError for a number without a meaning."""
-    verdicts = tuple(Verdict(values[name]) for name in ("north", "east", "south", "west"))
-    message = Message(
-        source=source,
-        kind=Kind(values["kind"]),
-        exchange=values["exchange"],
-        x=values["x"],
-        y=values["y"],
-        action=Action(values["action"]),
-        verdicts=verdicts,  # type: ignore[arg-type]  # four names give four verdicts
-        busy=bool(values["busy"]),
-    )
-    match message.kind:
+    verdicts = _verdicts(values["north"], values["east"], values["south"], values["west"])
+    kind, action = Kind(values["kind"]), Action(values["action"])
+    more: dict[str, Any] = {}
+    match kind:
         case Kind.ANSWER:
-            return replace(
-                message,
-                addressee=None if values["to_all"] else addressee,
-                reply=Reply(values["reply"]),
-                target=(values["target_x"], values["target_y"]),
-            )
+            more["addressee"] = None if values["to_all"] else addressee
+            more["reply"] = Reply(values["reply"])
+            more["target"] = (values["target_x"], values["target_y"])
         case Kind.TRAP:
             length = min(values["length"], TRAIL_LIMIT)
-            return replace(message, trail=tuple(Action(values["trail"] >> 2 * index & 3) for index in range(length)))
+            more["trail"] = tuple(Action(values["trail"] >> 2 * index & 3) for index in range(length))
         case Kind.ROLL:
-            return replace(message, digest=values["digest"])
+            more["digest"] = values["digest"]
         case Kind.MAP:
-            return replace(message, chunk=values["chunk"], marks=values["marks"].to_bytes(marks, "big"))
-    return message
+            more |= {"chunk": values["chunk"], "marks": values["marks"].to_bytes(marks, "big")}
+    busy = bool(values["busy"])
+    return Message(source, kind, values["exchange"], values["x"], values["y"], action, verdicts, busy, **more)
+
+
+@cache
+def _verdicts(north: int, east: int, south: int, west: int) -> tuple[Verdict, Verdict, Verdict, Verdict]:
+    return Verdict(north), Verdict(east), Verdict(south), Verdict(west)

@@ -72,8 +72,8 @@ BAND_FAULTS = [
         "the answer is as strong as the question",
         "band",
         "band",
-        "medium.power_dbm[slave, master]",
-        "medium.power_dbm[master, slave]",
+        "band.power_dbm[slave, master]",
+        "band.power_dbm[master, slave]",
     ),
     Fault(
         "NULLs are not on the air",
@@ -110,8 +110,8 @@ BAND_FAULTS = [
         "idle frames end with the old powers",
         "band",
         "radio",
-        "self.advance(now, now - 1)\n        self.band.medium.power_dbm",
-        "self.advance(now)\n        self.band.medium.power_dbm",
+        "self.advance(now, now - 1)\n        self.medium.power_dbm",
+        "self.advance(now)\n        self.medium.power_dbm",
     ),
     Fault(
         "jammers' old powers",
@@ -204,8 +204,8 @@ BAND_FAULTS = [
         "a broken broadcast is not heard",
         "band",
         "slots",
-        "elif fate.header_heard:",
-        "elif fate.heard is Heard.RECEIVED:",
+        "            if not fate.header_heard:\n                continue",
+        "            if fate.heard is not Heard.RECEIVED:\n                continue",
     ),
     Fault(
         "the answer is as strong as the question, with payloads",

@@ -83,10 +83,13 @@ def without_row(network: Network, now: Time) -> int:
 @njit(cache=True, borrows=True)
 def total_mw(network: Network, address: int) -> float:
     """Return the power of all frames that arrive at a station."""
-    frames, total = network.frames, 0.0
+    frames, left, total = network.frames, network.stations[address].arriving, 0.0
     number = network.common[0].first_there
-    while number != NONE:
-        total += network.powers_mw[number, address]
+    while left > 0:  # of all on the air most do not arrive here
+        mw = network.powers_mw[address, number]
+        if mw > 0.0:
+            total += mw
+            left -= 1
         number = frames[number].next
     return total
 

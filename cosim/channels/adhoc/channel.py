@@ -25,7 +25,7 @@ from cosim.channels.adhoc.mac import KINDS, Packet
 from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.settings import AdhocSettings, mw
-from cosim.channels.adhoc.state import HEARD, Records, Report
+from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
 from cosim.channels.adhoc.stations import Rules, Stations
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
@@ -220,9 +220,9 @@ class AdhocChannel(IdealChannel):
         """Return whether a frame of *one* can be received by *other*, if nothing else is on the air."""
         return super()._hears(one, other) and other in self.in_reach(one)
 
-    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
+    def write_rows(self, first: Address, last: Address, rows: Records, begin: int) -> Int64s:
         """Write whom *first* to *last* reach now, with how many mW: all that are switched on, however weakly."""
-        return self._reach.write(first, last, rows)
+        return self._reach.write(first, last, rows, begin)
 
     # ------------------------------------------------------------ what stations report
 
@@ -269,8 +269,10 @@ class AdhocChannel(IdealChannel):
 
     def _queue(self, address: Address, packet: Packet) -> None:
         self._jamming.follow()
-        awaited = packet.token is not None or packet.destination != BROADCAST or self._most is not None
-        self._stations.send(address, packet, awaited)
+        if self._most is None and (packet.token is None or packet.only_failure):
+            self._stations.send(address, packet, NOTHING if packet.token is None else FAILURE)
+        else:
+            self._stations.send(address, packet, END)
 
     def _hand_over(self) -> None:
         arrivals, self._arrivals = self._arrivals, []

@@ -25,7 +25,7 @@ from cosim.channels.adhoc.agenda import ANSWER, CONTEND, GIVE_UP, MAY_SEND, SEND
 from cosim.channels.adhoc.air import begin, leave_packet, new_frame, tell, tell_frame
 from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Form
 from cosim.channels.adhoc.reception import IGNORED, RIGHT, begins, disturb, ends, energy
-from cosim.channels.adhoc.state import DONE, NEVER, NONE, RECEIVED, Network, Record
+from cosim.channels.adhoc.state import DONE, END, FAILURE, NEVER, NONE, RECEIVED, Network, Record
 from cosim.jit import njit
 from cosim.kernel import AIR, DELIVER
 from cosim.machine import BROADCAST
@@ -64,10 +64,11 @@ def _interrupt(common: Record, station: Record, sensed_at: Time) -> None:
 
 
 @njit(cache=True, borrows=True)
-def queue(network: Network, address: int, destination: int, form: Form, asks: bool, awaited: bool, now: Time) -> int:
+def queue(network: Network, address: int, destination: int, form: Form, asks: bool, awaited: int, now: Time) -> int:
     """Queue a packet, and send it as soon as what is before it is done and the medium allows; return its number.
 
-    Return NONE, and do nothing, if there is no room for it. An RTS precedes it if it *asks*.
+    Return NONE, and do nothing, if there is no room for it. An RTS precedes it if it *asks*. What is *awaited* is
+    NOTHING, FAILURE or END.
     """
     common, station = network.common[0], network.stations[address]
     number: int = common.free_packet
@@ -134,7 +135,8 @@ def _take_first(network: Network, station: Record) -> None:
 @njit(cache=True, borrows=True)
 def _finish(network: Network, address: int, acknowledged: bool, after: Time, now: Time) -> None:
     common, station = network.common[0], network.stations[address]
-    if network.packets[station.first].awaited:
+    awaited = network.packets[station.first].awaited
+    if awaited == END or (awaited == FAILURE and not acknowledged):
         tell(network, DONE, address, station.first, acknowledged)
     if not acknowledged:
         common.dropped += 1
@@ -312,7 +314,7 @@ def energy_begins(network: Network, address: int, number: int, mw: float, now: T
 def energy_ends(network: Network, address: int, number: int, now: Time) -> bool:
     """Note that a frame has arrived to its end; return whether it was received."""
     station = network.stations[address]
-    was_busy, mw = energy(network, address), network.powers_mw[number, address]
+    was_busy, mw = energy(network, address), network.powers_mw[address, number]
     received = ends(network, address, number, now)
     idle = was_busy and station.sending == NONE and not energy(network, address)
     if idle:

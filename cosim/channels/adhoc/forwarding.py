@@ -69,10 +69,10 @@ class Forwarding:
 
     def received(self, receivers: Iterable[Address], source: Address, packet: bytes) -> None:
         """Hand a packet from the air, sent by their neighbour *source*, to the routers of *receivers*."""
-        now = self._kernel.now
+        now, routers = self._kernel.now, self.routers
         for address in receivers:
-            self.routers[address].receive(packet, source, now)
-            self._drain(address)
+            if routers[address].receive(packet, source, now):
+                self._drain(address)
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
         """Report the fate of a packet to the router at *address*."""
@@ -106,8 +106,8 @@ class Forwarding:
             return
         router, ends = self.routers[address], self._ends
         if router.left:
-            for neighbour, packet, token in router.hops():
-                ends.transmit(address, Packet(neighbour, packet, token))
+            for hop in router.hops():
+                ends.transmit(address, Packet(*hop))
             for delivery in router.deliveries():
                 ends.arrived(address, delivery)
             for token, outcome in router.fates():

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from cosim.machine import BROADCAST, Address
 from cosim.units import Time
@@ -93,4 +93,7 @@ class Packet:
 
     destination: Address
     payload: bytes
-    token: int | None = None
+    token: Any = None
+    """What its sender is handed back with its fate; None if it does not ask for that."""
+    only_failure: bool = False
+    """True if it asks to hear of a failure only."""

@@ -7,7 +7,7 @@ but a few are not worth sorting.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -37,7 +37,9 @@ class Places(NamedTuple):
     on: Bools
     """Which are switched on, (n,)."""
     near: Bools
-    """All False, (n,): room for a kernel's notes."""
+    """All False, (n,) and up to seven more: room for a kernel's notes."""
+    eights: Int64s
+    """Eight of them at a time: most are as they were."""
     x_m: float
     y_m: float
     cell_m: float
@@ -51,9 +53,11 @@ def sorted_places(positions_m: Floats, on: Bools, cell_m: float) -> Places:
     """Return *positions_m*, (n, 2), of radios of which some are *on*, (n,), in at most about n cells of *cell_m*."""
     positions = np.ascontiguousarray(positions_m, dtype=np.float64)
     count = len(positions)
+    eights = np.zeros(-(-count // 8), np.int64)
+    near = eights.view(np.bool_)
     if count <= FEW:
         first, member = np.array((0, count)), np.arange(count)
-        return Places(positions, on, np.zeros(count, np.bool_), 0.0, 0.0, 1.0, 1, 1, first, member)
+        return Places(positions, on, near, eights, 0.0, 0.0, 1.0, 1, 1, first, member)
     low = positions.min(axis=0)
     (x_m, y_m), (width, height) = low.tolist(), (positions.max(axis=0) - low).tolist()
     extent_m = max(width, height, 1e-3)
@@ -63,7 +67,7 @@ def sorted_places(positions_m: Floats, on: Bools, cell_m: float) -> Places:
     cells = rows * nx + columns
     first = np.concatenate(((0,), np.cumsum(np.bincount(cells, minlength=nx * ny))))
     member = np.argsort(cells, kind="stable")
-    return Places(positions, on, np.zeros(count, np.bool_), x_m, y_m, cell_m, nx, ny, first, member)
+    return Places(positions, on, near, eights, x_m, y_m, cell_m, nx, ny, first, member)
 
 
 class Reach:
@@ -79,6 +83,13 @@ class Reach:
         """None until they are needed after a move."""
         self._losses = None if propagation is None else propagation.losses
         self._room = new_records(size, REACHED)
+        self._task = np.zeros(3, np.int64)
+        """What is to be written: first, last, begin; and as Python writes it."""
+        self._task_written = self._task.data
+        self._ends = np.zeros(size, np.int64)
+        self._written: Records | None = None
+        """Where the last rows were written, as long as the next can be written by the same call of a kernel."""
+        self._writing: Iterator[None]
         self._hearers: dict[Address, tuple[Address, ...]] = {}
         """Who can receive frames of whom, as far as it was asked since the last change."""
         if propagation is None:
@@ -92,8 +103,11 @@ class Reach:
     def moved(self, positions_m: Floats) -> None:
         """Take new positions, (size, 2), which stay as they are until the next."""
         self._positions_m = positions_m
-        self._places = None
         self._hearers.clear()
+        if self._places is not None and len(positions_m) <= FEW:
+            self._places.positions_m[:] = positions_m
+        else:
+            self._places = self._written = None
 
     def power(self, address: Address, on: bool) -> None:
         """Note that a radio has been switched on or off."""
@@ -104,22 +118,29 @@ class Reach:
         """Note that barriers have changed."""
         assert self._propagation is not None
         self._losses = self._propagation.losses
+        self._written = None
         self._hearers.clear()
 
-    def write(self, first: Address, last: Address, rows: Records) -> Int64s:
-        """Write whom *first* to *last* reach, row after row, each rising, with how many mW; return where rows end."""
-        if self._places is None:
-            self._places = sorted_places(self._positions_m, self._on, self._cell_m)
-        powers_mw, limits_m = self._powers_mw[first : last + 1], self._limits_m[first : last + 1]
-        ends = np.empty(len(powers_mw), np.int64)
-        _write_rows(self._places, self._losses, first, powers_mw, limits_m, self._faintest_mw, rows, ends)
-        return ends
+    def write(self, first: Address, last: Address, rows: Records, begin: int = 0) -> Int64s:
+        """Write whom *first* to *last* reach to *rows* from *begin* on, row after row, each rising, with how many mW.
+
+        Return where the rows of all end; those of others are not to be looked at.
+        """
+        if self._written is not rows:
+            if self._places is None:
+                self._places = sorted_places(self._positions_m.copy(), self._on, self._cell_m)
+            sent = self._powers_mw, self._limits_m, self._faintest_mw
+            self._writing = _writing(self._places, self._losses, *sent, self._task, rows, self._ends)
+            self._written = rows
+        self._task_written[0], self._task_written[1], self._task_written[2] = first, last, begin
+        next(self._writing)
+        return self._ends
 
     def hearers(self, source: Address, least_mw: float) -> tuple[Address, ...]:
         """Return at whom the power of *source* is at least *least_mw*."""
         hearers = self._hearers.get(source)
         if hearers is None:
-            row = self._room[: self.write(source, source, self._room)[0]]
+            row = self._room[: self.write(source, source, self._room)[source]]
             hearers = self._hearers[source] = tuple(row["address"][row["mw"] >= least_mw].tolist())
         return hearers
 
@@ -133,11 +154,12 @@ class Reach:
         size = len(self._on)
         positions_m = np.vstack((self._positions_m, np.array(places_m)))
         places = sorted_places(positions_m, np.ones(len(positions_m), np.bool_), math.inf)
+        sent_mw, limits_m = np.array((*(0.0 for _ in range(size)), *powers_mw)), np.full(len(positions_m), limit_m)
         rows, received = new_records(len(positions_m), REACHED), np.zeros((len(places_m), len(positions_m)))
-        for number, power_mw in enumerate(powers_mw):
-            sent_mw, limits_m, ends = np.array((power_mw,)), np.array((limit_m,)), np.empty(1, np.int64)
-            _write_rows(places, self._losses, size + number, sent_mw, limits_m, 0.0, rows, ends)
-            row = rows[: ends[0]]
+        for number in range(len(places_m)):
+            task, ends = np.array((size + number, size + number, 0)), np.empty(len(positions_m), np.int64)
+            next(_writing(places, self._losses, sent_mw, limits_m, 0.0, task, rows, ends))
+            row = rows[: ends[size + number]]
             received[number, row["address"]] = row["mw"]
         at_each: list[list[float]] = received[:, :size].tolist()
         return at_each
@@ -146,22 +168,27 @@ class Reach:
 # ---------------------------------------------------------------- kernels
 
 
-@njit(cache=True, borrows=True)
-def _write_rows(
+@njit(cache=True)
+def _writing(
     places: Places,
     losses: Losses | None,
-    first: int,
     powers_mw: Floats,
     limits_m: Floats,
     faintest_mw: float,
+    task: Int64s,
     rows: Records,
     ends: Int64s,
-) -> None:
-    """Write the rows of *first* and those after it, of *powers_mw* and *limits_m*, and where each *ends*, all (n,)."""
-    end = 0
-    for at in range(len(ends)):
-        end += _write_row(places, losses, first + at, powers_mw[at], limits_m[at], faintest_mw, rows[end:])
-        ends[at] = end
+) -> Iterator[None]:
+    """Write the rows of which *task* tells, (3,), and where each *ends*, as often as asked for the next result.
+
+    All take over the arrays from Python only once: *powers_mw*, *limits_m* and *ends* of all radios, (n,).
+    """
+    while True:
+        end = task[2]
+        for source in range(task[0], task[1] + 1):
+            end += _write_row(places, losses, source, powers_mw[source], limits_m[source], faintest_mw, rows[end:])
+            ends[source] = end
+        yield
 
 
 @njit(cache=True, borrows=True)
@@ -181,25 +208,28 @@ def _write_row(
     if not places.on[source]:
         return 0
     _mark_near(places, source, limit_m)
-    count, positions, on, near = 0, places.positions_m, places.on, places.near
+    count, positions = 0, places.positions_m
     ax, ay = positions[source]
-    for other in range(len(positions)):  # not cell by cell: rows rise
-        if not near[other]:
+    for eight in range(len(places.eights)):  # not cell by cell: rows rise
+        if places.eights[eight] == 0:
             continue
-        near[other] = False
-        bx, by = positions[other, 0], positions[other, 1]
-        if other == source or not on[other] or math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay)) > limit_m:
-            continue
-        mw = power_mw
-        if losses is not None:
-            if source < other:
-                gain = gain_db(losses, source, other, ax, ay, bx, by)
-            else:
-                gain = gain_db(losses, other, source, bx, by, ax, ay)
-            mw *= elementary.exp10(gain / 10.0)
-        if mw > faintest_mw:
-            rows[count].address, rows[count].mw = other, mw
-            count += 1
+        for other in range(8 * eight, 8 * eight + 8):
+            if not places.near[other] or other == source or not places.on[other]:
+                continue
+            bx, by = positions[other, 0], positions[other, 1]
+            if math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay)) > limit_m:
+                continue
+            mw = power_mw
+            if losses is not None:
+                if source < other:
+                    gain = gain_db(losses, source, other, ax, ay, bx, by)
+                else:
+                    gain = gain_db(losses, other, source, bx, by, ax, ay)
+                mw *= elementary.exp10(gain / 10.0)
+            if mw > faintest_mw:
+                rows[count].address, rows[count].mw = other, mw
+                count += 1
+        places.eights[eight] = 0
     return count
 
 

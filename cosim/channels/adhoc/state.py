@@ -25,6 +25,10 @@ NONE: Final = -1
 NEVER: Final = 1 << 62
 """An instant after all others."""
 
+NOTHING: Final = 0
+FAILURE: Final = 1
+END: Final = 2
+
 FORM: Final = np.dtype([(name, np.int64) for name in Form._fields], align=True)
 
 COMMON: Final = np.dtype(
@@ -114,7 +118,7 @@ PACKET: Final = np.dtype(
         ("short", np.int64),  # failures without a response to an RTS, or to a frame without one
         ("long", np.int64),  # failures of a frame after an RTS
         ("asks", np.bool_),  # an RTS precedes it
-        ("awaited", np.bool_),  # somebody wants to know what becomes of it
+        ("awaited", np.int64),  # what somebody wants to hear of: NOTHING, FAILURE, or END, whatever becomes of it
         ("users", np.int64),  # the queue, and frames that are under way
         ("next", np.int64),  # in the queue, or among the free ones
     ],
@@ -213,7 +217,7 @@ class Network(NamedTuple):
     frames: Records
     """Frames that are under way, and room for more."""
     powers_mw: Floats
-    """(frames, n): power of each frame that is arriving, at each station."""
+    """(n, frames): power at each station of each frame that is arriving there, else 0."""
     rows: Records
     """Stations that senders reach, rising, and with how much power, row after row."""
     agenda: Records
@@ -257,7 +261,7 @@ def new_network(
         stations,
         packets=new_records(0, PACKET),
         frames=new_records(0, FRAME),
-        powers_mw=np.zeros((0, size)),
+        powers_mw=np.zeros((size, 0)),
         rows=new_records(16 * size, REACHED),
         agenda=new_records(16 * size + 16, EVENT),
         told=new_records(16 * size + 16, REPORT),
@@ -268,7 +272,7 @@ def new_network(
 
 def with_frames(network: Network, more: int) -> Network:
     """Return *network* with room for *more* frames."""
-    powers_mw = np.concatenate((network.powers_mw, np.zeros((more, len(network.stations)))))
+    powers_mw = np.concatenate((network.powers_mw, np.zeros((len(network.stations), more))), axis=1)
     return network._replace(frames=_longer(network.frames, more, network.common, "free_frame"), powers_mw=powers_mw)
 
 

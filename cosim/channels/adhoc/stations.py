@@ -22,6 +22,7 @@ from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
+    END,
     FORM,
     NEVER,
     NONE,
@@ -51,10 +52,11 @@ _REPORT: Final = Struct(
     "".join(REPORT[name].char if name in _READ else f"{REPORT[name].itemsize}x" for name in REPORT.fields or ()) + "0q"
 )
 """These fields of a report, and what is skipped."""
-_OFFER: Final = np.dtype(
-    [(name, np.int64) for name in ("address", "destination", "form", "asks", "awaited", "now")], align=True
-)
+_OFFERED: Final = ("address", "destination", "form", "asks", "awaited", "now")
+_OFFER: Final = np.dtype([(name, np.int64) for name in _OFFERED], align=True)
 """What ``queue`` is to do; its form by number."""
+_WRITE_OFFER: Final = Struct(f"{len(_OFFERED)}q").pack_into
+"""How Python writes that fastest."""
 
 _Outcome: TypeAlias = tuple[Packet | None, bool, list[Address], list[float], Address, int | None, Report | None]
 """A packet, whether it was acknowledged, the stations, with which powers they have received it, its source, the number
@@ -73,10 +75,10 @@ class Rules(NamedTuple):
 class Host(Protocol):
     """The other side of all stations."""
 
-    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
-        """Write whom frames of *first* to *last* reach that begin to arrive now; return where the row of each ends.
+    def write_rows(self, first: Address, last: Address, rows: Records, begin: int) -> Int64s:
+        """Write whom frames of *first* to *last* reach that begin to arrive now, to *rows* from *begin* on.
 
-        Row after row, each rising.
+        Row after row, each rising. Return where the row of each station ends.
         """
 
     def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
@@ -109,6 +111,7 @@ class Stations:
         """Instant and phase up to which the stations run ahead, for the kernel; and as Python writes them."""
         self._until_written = self._until.data
         self._offer = new_records(1, _OFFER)
+        self._offered = self._offer.view(np.uint8).data
         self._forms = new_records(16, FORM)
         self._form_numbers: dict[tuple[bool, int], int] = {}
         self._use(network)
@@ -131,13 +134,17 @@ class Stations:
 
     # ------------------------------------------------------------ what goes in
 
-    def send(self, address: Address, packet: Packet, awaited: bool = True) -> None:
-        """Queue *packet* at a station; the host hears when it is off the queue if that is *awaited*."""
+    def send(self, address: Address, packet: Packet, awaited: int = END) -> None:
+        """Queue *packet* at a station; the host hears when it is off the queue if that is *awaited*.
+
+        That is NOTHING, FAILURE, or its END.
+        """
         destination, octets = packet.destination, len(packet.payload)
         form = self._form_numbers.get((destination == BROADCAST, octets))
         if form is None:
             form = self._new_form(destination == BROADCAST, octets)
-        self._offer[0] = address, destination, form, self._access.asks(packet), awaited, self._kernel.now
+        asks = self._access.asks(packet)
+        _WRITE_OFFER(self._offered, 0, address, destination, form, asks, awaited, self._kernel.now)
         number = next(self._queueing)
         if number == NONE:
             self._make_room()
@@ -268,10 +275,10 @@ class Stations:
         begin, count = self._rows_used, last + 1 - first
         while begin + count * size > len(self._network.rows):
             self._use(self._network._replace(rows=doubled(self._network.rows)))
-        ends = self._host.write_rows(first, last, self._network.rows[begin:]) + begin
-        self._row_ends[first : last + 1] = ends
-        self._row_begins[first], self._row_begins[first + 1 : last + 1] = begin, ends[:-1]
-        self._rows_used = int(ends[-1])
+        ends = self._host.write_rows(first, last, self._network.rows, begin)
+        self._row_ends[first : last + 1] = ends[first : last + 1]
+        self._row_begins[first], self._row_begins[first + 1 : last + 1] = begin, ends[first:last]
+        self._rows_used = int(ends[last])
         self._rows += count
 
     def _make_room(self) -> None:
@@ -366,5 +373,5 @@ def _queueing(network: Network, forms: Records, offer: Records) -> Iterator[int]
     """Yield what ``queue`` returns for the packet of which *offer*, (1,), tells, its form by number."""
     while True:
         packet = offer[0]  # not outside of the loop: what is kept from one result to the next is a copy
-        form, asks, awaited = forms[packet.form], packet.asks != 0, packet.awaited != 0
+        form, asks, awaited = forms[packet.form], packet.asks != 0, packet.awaited
         yield queue(network, packet.address, packet.destination, form, asks, awaited, packet.now)

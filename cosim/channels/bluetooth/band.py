@@ -69,15 +69,16 @@ LOG_FIELDS: Final = 5
 
 
 class Band(NamedTuple):
-    """The medium and all piconets on it; row i is the piconet whose master is device i."""
+    """All piconets; row i is the piconet whose master is device i."""
 
-    medium: Medium
     piconets: Int64s
     """(n, PICONET_FIELDS)."""
     links: Int64s
     """(n, FIELDS, 8)."""
     carriers_dbm: Floats
     """(n, 2): power of the two frames of the idle pair under way at their receivers, as it was at its start."""
+    power_dbm: Floats
+    """(n, n): that of the medium."""
 
 
 class Adapted(NamedTuple):
@@ -90,11 +91,11 @@ class Adapted(NamedTuple):
 
 
 def new_band(medium: Medium) -> Band:
-    """Return a band without links."""
+    """Return a band on *medium* without links."""
     size = len(medium.power_dbm)
     piconets = np.zeros((size, PICONET_FIELDS), dtype=np.int64)
     links = np.zeros((size, FIELDS, MOST_SLAVES + 1), dtype=np.int64)
-    return Band(medium, piconets, links, np.zeros((size, 2)))
+    return Band(piconets, links, np.zeros((size, 2)), medium.power_dbm)
 
 
 def new_adapted(size: int) -> Adapted:
@@ -135,12 +136,12 @@ def _next_event(piconet: State, links: State) -> int:
 
 
 @njit(cache=True, borrows=True)
-def _poll(band: Band, noise: Noise | None, adapted: Adapted | None, p: int, alone: bool) -> int:
+def _poll(band: Band, medium: Medium | None, noise: Noise | None, adapted: Adapted | None, p: int) -> int:
     """Start the next idle pair; return the fate of its POLL if it is known at once, else RECEIVED.
 
-    Who is *alone* on the air need not put it there.
+    Who is alone on the air need not put it there: *medium* is None.
     """
-    piconet, links, medium = band.piconets[p], band.links[p], band.medium
+    piconet, links = band.piconets[p], band.links[p]
     tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
     master, slave = piconet[MASTER], links[SLAVE, k]
     serve(piconet, links, tick, k)
@@ -148,11 +149,11 @@ def _poll(band: Band, noise: Noise | None, adapted: Adapted | None, p: int, alon
     piconet[IDLE] += 1
     piconet[POLLS] += 1
     piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = tick, k, links[HERE, k]
-    if not alone:
+    if medium is not None:
         start = time_of(piconet, tick)
         put(medium, master, start, start + HEADER_AIR, _channel(band, adapted, p, tick))
-    band.carriers_dbm[p, 0] = medium.power_dbm[master, slave]
-    band.carriers_dbm[p, 1] = medium.power_dbm[slave, master]
+    band.carriers_dbm[p, 0] = band.power_dbm[master, slave]
+    band.carriers_dbm[p, 1] = band.power_dbm[slave, master]
     if not heard_of(noise, band.carriers_dbm[p, 0], DETECTABLE_DB):
         _assess(band, adapted, p, False)
         return OUT_OF_RANGE
@@ -162,10 +163,19 @@ def _poll(band: Band, noise: Noise | None, adapted: Adapted | None, p: int, alon
 
 @njit(cache=True, borrows=True)
 def _end(
-    band: Band, noise: Noise | None, jammers: Jammers | None, adapted: Adapted | None, p: int, alone: bool, assess: bool
+    band: Band,
+    medium: Medium | None,
+    noise: Noise | None,
+    jammers: Jammers | None,
+    adapted: Adapted | None,
+    p: int,
+    assess: bool,
 ) -> int:
-    """End the POLL, or the NULL that goes *up*, of the idle pair under way in a piconet, and return its fate."""
-    piconet, links, medium = band.piconets[p], band.links[p], band.medium
+    """End the POLL, or the NULL that goes up, of the idle pair under way in a piconet, and return its fate.
+
+    *medium* is None for who is alone on the air.
+    """
+    piconet, links = band.piconets[p], band.links[p]
     k, up = piconet[PAIR_LINK], piconet[STAGE] - 1
     tick = piconet[PAIR_TICK] + 2 * up
     start, carrier = time_of(piconet, tick), band.carriers_dbm[p, up]
@@ -176,7 +186,7 @@ def _end(
         fate = OUT_OF_RANGE
     elif not (links[HELD, k] if up else links[JOINED, k] and piconet[PAIR_HERE]):
         fate = NOT_TUNED
-    elif alone:
+    elif medium is None:
         lost = broken(noise, source, receiver, start, carrier, 0, False)
         fate = BIT_ERRORS + lost if lost else RECEIVED
     else:
@@ -190,7 +200,7 @@ def _end(
         if not up:
             piconet[NULLS] += 1
             piconet[STAGE] = 2
-            if not alone:
+            if medium is not None:
                 answer, channel = time_of(piconet, tick + 2), _channel(band, adapted, p, tick + 2)
                 put(medium, links[SLAVE, k], answer, answer + HEADER_AIR, channel)
     return fate
@@ -199,6 +209,7 @@ def _end(
 @njit(cache=True)
 def advance(
     band: Band,
+    medium: Medium,
     noise: Noise | None,
     jammers: Jammers | None,
     adapted: Adapted | None,
@@ -227,7 +238,7 @@ def advance(
             return count + 1
         piconet = band.piconets[p]
         up, over = piconet[STAGE] == 2, piconet[STAGE] > 0
-        fate = _end(band, noise, jammers, adapted, p, False, True) if over else _poll(band, noise, adapted, p, False)
+        fate = _end(band, medium, noise, jammers, adapted, p, True) if over else _poll(band, medium, noise, adapted, p)
         if log.shape[0] and (over or fate != RECEIVED):
             row = log[count]
             row[0], row[1], row[2] = p, piconet[PAIR_TICK] + (2 if up else 0), piconet[PAIR_LINK]
@@ -247,7 +258,7 @@ def advance(
 @njit(cache=True, borrows=True)
 def _sure(band: Band, noise: Noise | None, p: int) -> int:
     """Return the links whose frames are all received, as bits: up on both sides, and too strong for noise."""
-    links, power_dbm = band.links[p], band.medium.power_dbm
+    links, power_dbm = band.links[p], band.power_dbm
     sure = ALL_SURE
     for k in range(1, MOST_SLAVES + 1):
         slave = links[SLAVE, k]
@@ -263,9 +274,11 @@ def _sure(band: Band, noise: Noise | None, p: int) -> int:
 
 @njit(cache=True, borrows=True)
 def run_alone(
-    band: Band,
+    piconets: Int64s,
+    links_of: Int64s,
+    carriers_dbm: Floats,
+    power_dbm: Floats,
     noise: Noise | None,
-    jammers: Jammers | None,
     adapted: Adapted | None,
     p: int,
     until: int,
@@ -273,9 +286,11 @@ def run_alone(
 ) -> None:
     """Do what :func:`advance` does for a piconet that alone is on the air: only noise can destroy a frame.
 
-    Where there is no noise, and all links are sure, pairs are not assessed.
+    Where there is no noise, and all links are sure, pairs are not assessed. The fields of the band come one by one: it
+    takes Python longer to hand over a tuple than the kernel to do what is mostly due.
     """
-    piconet, links = band.piconets[p], band.links[p]
+    band = Band(piconets, links_of, carriers_dbm, power_dbm)
+    piconet, links = piconets[p], links_of[p]
     sure, assess = _sure(band, noise, p), False
     if adapted is not None:  # noqa: SIM102
         if piconet[USED] and (sure != ALL_SURE or noise is not None):  # each pair counts
@@ -288,7 +303,7 @@ def run_alone(
         if when > (2 * until - 1 if when & 1 else 2 * last_end):
             break
         if when & 1:
-            _poll(band, noise, adapted, p, True)
+            _poll(band, None, noise, adapted, p)
         else:
-            _end(band, noise, jammers, adapted, p, True, assess)
+            _end(band, None, noise, None, adapted, p, assess)
     piconet[NEXT] = max(piconet[NEXT], end)

@@ -25,7 +25,7 @@ class NativeClock:
 
     def tick(self, time: Time) -> int:
         """Return the unwrapped clock value CLKN at *time*."""
-        return self.local(time) // TICK
+        return (self.phase + time + time * self.ppm // MILLION) // TICK
 
     def at_local(self, local: Time) -> Time:
         """Return the first simulated instant whose local time is at least *local* (the inverse of :meth:`local`)."""

@@ -173,8 +173,9 @@ class InquiryScanner:
 
     def _look(self, inquiry: "Inquiry", meeting: Meeting) -> None:
         """Check at the start of an ID that might be heard whether it is sent, and within reach."""
-        start, carrier = self._kernel.now, self._air.carrier(inquiry.address, self.address)
-        if inquiry.sends(start) and self._air.reaches(carrier):
+        start, air = self._kernel.now, self._air
+        carrier = air.carrier(inquiry.address, self.address)
+        if inquiry.sends(start) and air.reaches(carrier):
             channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick), inquiry.word)
             frame = Frame(start, ID_AIR, "ID", inquiry.address, self.address, channel)
             heard = partial(self._hear, inquiry, meeting, frame, carrier)
@@ -184,7 +185,7 @@ class InquiryScanner:
 
     def _hear(self, inquiry: "Inquiry", meeting: Meeting, frame: Frame, carrier_dbm: float) -> None:
         """Hear an ID at its end, if nothing has destroyed it."""
-        start, end = frame.start, self._kernel.now
+        start, end = frame.start, frame.start + ID_AIR
         if self._air.judge(frame, self.address, carrier_dbm) is not GOOD:
             self._expect(inquiry, meeting.tick + 1)
             return
@@ -305,7 +306,9 @@ class Inquiry:
             return
         begun = self._kernel.now - ID_AIR
         ready = [reply for reply in self._unsettled if reply.frame.start <= begun]
-        self._unsettled = [reply for reply in self._unsettled if reply not in ready]
+        if not ready:
+            return
+        self._unsettled = [reply for reply in self._unsettled if reply.frame.start > begun]
         for reply in sorted(ready, key=_order):
             reply.lost = self._hindrance(reply)
             if reply.lost is None:

@@ -85,7 +85,7 @@ class Links:
 
     def audience(self) -> bool:
         """Return whether the master takes any device to hear its broadcasts."""
-        return bool(self.table[HELD].any())
+        return any(self.table[HELD].tolist())
 
     def up(self, k: int, side: int) -> bool:
         """Return whether one side, HELD or JOINED, of link *k* is up."""
@@ -138,9 +138,10 @@ class Links:
 
     def note_shares(self) -> None:
         """Note in the arrays whether any device is absent at times, or may be stopped."""
-        columns = [0, *self.slaves]
-        absences = self.table[[PERIOD, SNIFF_PERIOD, HELD_UNTIL]][:, columns]
-        absent = bool(absences.any() or not self.table[HERE, columns].all())
+        columns, table = [0, *self.slaves], self.table
+        absences = [table[field].tolist() for field in (PERIOD, SNIFF_PERIOD, HELD_UNTIL)]
+        here = table[HERE].tolist()
+        absent = any(not here[k] or any(absence[k] for absence in absences) for k in columns)
         self.piconet[SHARED] = absent or self.transport is not None
 
     def last_heard(self) -> Time | None:

@@ -5,6 +5,7 @@ together). Every change of powers, or of the devices that send, comes through he
 first.
 """
 
+import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -87,7 +88,7 @@ class Fate(NamedTuple):
     @property
     def header_heard(self) -> bool:
         """True if the receiver has noticed the frame and knows its header."""
-        return self.heard in (Heard.RECEIVED, Heard.REFUSED) or self.part is Part.PAYLOAD
+        return self.heard is Heard.RECEIVED or self.heard is Heard.REFUSED or self.part is Part.PAYLOAD
 
 
 _PARTS: Final = tuple(Part)
@@ -141,7 +142,8 @@ class Air:
         noise_dbm: float = float("-inf"),
         key: tuple[int, int] = (0, 0),
     ) -> None:
-        self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference]))
+        self.medium = mediums.new_medium(size, MODES[interference])
+        self.band: Band = bands.new_band(self.medium)
         self.adapted: Adapted | None = None
         """The adapted hop sets, if there are any."""
         self.noise = Noise(noise_dbm, *key) if noise_dbm > _NOTHING_DBM else None
@@ -150,7 +152,8 @@ class Air:
         self._jammers: Jammers | None = None
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
-        self._detectable_dbm = noise_dbm + mediums.DETECTABLE_DB
+        self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
+        """Power from which on a receiver notices a frame."""
         self._record = record
         self._running = 0
         """Number of piconets that send anything."""
@@ -166,6 +169,8 @@ class Air:
         self.stray: Time = 0
         """Instant from which nothing is on the air that a change, an inquiry or a page has left there."""
         self._trains: list[_Train] = []  # as in the medium
+        self._silences: tuple[Int64s, Int64s]
+        """Where the medium keeps when trains are interrupted, by train."""
         self._closing: Time = FOREVER  # when the first train that has ended may be forgotten
         self._power: list[list[float]] | None = None
         """The powers, if anybody has asked for one since they changed."""
@@ -175,23 +180,23 @@ class Air:
     def set_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let devices receive each other with *power_dbm*, shape (n, n), from now on; -inf is nothing."""
         self.advance(now, now - 1)
-        self.band.medium.power_dbm[:] = power_dbm
+        self.medium.power_dbm[:] = power_dbm
         self._power = None
 
     def carrier(self, source: Address, receiver: Address) -> float:
         """Return the power in dBm with which *receiver* gets *source* now."""
         if self._power is None:
-            self._power = self.band.medium.power_dbm.tolist()
+            self._power = self.medium.power_dbm.tolist()
         return self._power[source][receiver]
 
     def reaches(self, carrier_dbm: float) -> bool:
         """Return whether a receiver notices a frame of this power."""
-        return carrier_dbm >= self._detectable_dbm and carrier_dbm > _NOTHING_DBM
+        return carrier_dbm >= self.least_dbm
 
     def set_jammers(self, jammers: Sequence[Jammer], now: Time) -> None:
         """Put these jammers, and no others, on the air; no device receives them before :meth:`set_jam_powers`."""
         self.advance(now)
-        power_mw = np.zeros((len(jammers), len(self.band.medium.power_dbm)))
+        power_mw = np.zeros((len(jammers), len(self.medium.power_dbm)))
         self._jammers = Jammers(mediums.jam_records(jammers), power_mw) if jammers else None
         self.changed(now)
 
@@ -221,14 +226,14 @@ class Air:
             if self._master is None:
                 self._advance_together(now, last_end)
             elif self._alone:
-                bands.run_alone(self.band, self.noise, self._jammers, self.adapted, self._master, now, last_end)
+                bands.run_alone(*self.band, self.noise, self.adapted, self._master, now, last_end)
         if now >= self._closing:
             self._forget_trains(now)
 
     def _advance_together(self, now: Time, last_end: Time, log: Int64s = _NO_LOG) -> int:
         self._put_sent()
         self._others = max(self._others, now + LONGEST_FRAME)
-        return int(bands.advance(self.band, self.noise, self._jammers, self.adapted, now, last_end, log))
+        return int(bands.advance(self.band, self.medium, self.noise, self._jammers, self.adapted, now, last_end, log))
 
     def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
@@ -247,12 +252,12 @@ class Air:
     def changed(self, now: Time) -> None:
         """Note that devices have begun or ended to send or to listen; all piconets must be advanced to *now* before."""
         piconets, links = self.band.piconets, self.band.links
-        sends = (piconets[:, RUNNING] > 0) & links[:, HELD].any(axis=1)
+        sends = (piconets[:, RUNNING] > 0) & np.logical_or.reduce(links[:, HELD], axis=1)
         # a pair under way outlives the pause, and the last link, of its piconet
         ending = (piconets[:, STAGE] > 0) & ~sends
         self._disturb()
         masters = sends.nonzero()[0].tolist()
-        self._running = len(masters) + int(ending.sum())
+        self._running = len(masters) + int(np.count_nonzero(ending))
         self._settle(masters[0] if len(masters) == self._running == 1 else None, now)
 
     def _trains_changed(self, now: Time) -> None:
@@ -266,7 +271,7 @@ class Air:
     def _settle(self, master: Address | None, now: Time) -> None:
         """Note what can destroy frames; *master* is that of the only piconet that sends anything, if it is."""
         self._stray_until(now + LONGEST_FRAME)
-        medium = self.band.medium
+        medium = self.medium
         quiet = medium.mode == mediums.NONE or (not len(medium.trains) and self._jammers is None)
         self._master = master if quiet else None
         alone = medium.mode == mediums.NONE or self._running <= 1
@@ -298,12 +303,13 @@ class Air:
     def _put_sent(self) -> None:
         """Put into the medium what is not there yet."""
         for source, start, end, channel in self._sent:
-            mediums.put(self.band.medium, source, start, end, channel)
+            mediums.put(self.medium, source, start, end, channel)
             self._others = max(self._others, end)
         self._sent.clear()
 
     def _stray_until(self, time: Time) -> None:
-        self.stray = max(self.stray, time)
+        if time > self.stray:
+            self.stray = time
 
     # ------------------------------------------------------------ frames of piconets
 
@@ -331,7 +337,7 @@ class Air:
 
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
         """Return the fate of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""
-        if not self.reaches(carrier_dbm):
+        if carrier_dbm < self.least_dbm:
             return FAR
         if self.calm and frame.start >= self.stray:
             return GOOD
@@ -352,7 +358,7 @@ class Air:
 
         *carrier_dbm* is its power there; *bits* counts its payload with header and CRC, all of it coded (an FHS).
         """
-        if not self.reaches(carrier_dbm):
+        if carrier_dbm < self.least_dbm:
             return FAR
         return self._sections(frame, receiver, carrier_dbm, bits, True, first)
 
@@ -366,7 +372,7 @@ class Air:
             return GOOD if noise is None else _by_noise(noise, frame, receiver, carrier_dbm, bits, coded, first)
         self._put_sent()
         fate: int = mediums.judge(
-            self.band.medium,
+            self.medium,
             self.noise,
             self._jammers,
             frame.source,
@@ -413,7 +419,7 @@ class Air:
         self.advance(now)
         train["channels"] = channels
         self._forget_trains(now)
-        before = self.band.medium.trains
+        before = self.medium.trains
         trains = mediums.records(len(before) + 1, mediums.TRAIN)
         trains[:-1], trains[-1] = before, train[0]
         new = _Train(int(train["sender"][0]), int(train["until"][0]))
@@ -422,29 +428,30 @@ class Air:
 
     def silence_train(self, device: Address, since: Time, until: Time) -> None:
         """Let the train of *device*, if it sends one, send nothing that would start in [since, until)."""
+        begins, ends = self._silences
         for row, train in enumerate(self._trains):
             if train.end > since and train.device == device:
                 gap, train.gaps = train.gaps, (train.gaps + 1) % mediums.GAPS
-                records = self.band.medium.trains
-                records["silent_since"][row, gap], records["silent_until"][row, gap] = since, until
+                begins[row, gap], ends[row, gap] = since, until
 
     def close_train(self, device: Address, at: Time) -> None:
         """Let the train of *device*, if it sends one, send nothing more that would start at or after *at*."""
         for row, train in enumerate(self._trains):
             if train.end > at and train.device == device:
-                self.band.medium.trains["until"][row] = train.end = at
+                self.medium.trains["until"][row] = train.end = at
                 self._closing = min(self._closing, at + 2 * LONGEST_FRAME)
 
     def _forget_trains(self, now: Time) -> None:
         """Drop the trains that ended so long ago that nothing on the air can have met them."""
         kept = [row for row, train in enumerate(self._trains) if train.end + 2 * LONGEST_FRAME > now]
         if len(kept) < len(self._trains):
-            self._set_trains(self.band.medium.trains[kept], [self._trains[row] for row in kept])
+            self._set_trains(self.medium.trains[kept], [self._trains[row] for row in kept])
             self._trains_changed(now)
 
     def _set_trains(self, records: Records, trains: list["_Train"]) -> None:
-        self.band = self.band._replace(medium=self.band.medium._replace(trains=records))
+        self.medium = self.medium._replace(trains=records)
         self._trains = trains
+        self._silences = records["silent_since"], records["silent_until"]
         self._closing = min((train.end for train in trains), default=FOREVER) + 2 * LONGEST_FRAME
 
 

@@ -128,8 +128,8 @@ def first_transmission(clock: NativeClock, now: Time) -> int:
 
 def at_meeting(kernel: Kernel, time: Time, callback: Callback) -> Handle:
     """Call *callback* at *time*, which may be now: then in the present phase, if DELIVER is over."""
-    phase, now = kernel.phase, kernel.now
-    return kernel.at(time, callback, max(DELIVER, phase[1]) if phase[0] == now == time else DELIVER)
+    phase = kernel.phase
+    return kernel.at(time, callback, max(DELIVER, phase[1]) if phase[0] == time == kernel.now else DELIVER)
 
 
 def next_meeting(ids: IdTrain, windows: ScanWindows, tick: int, since: Time, n: int = 0) -> Meeting | None:

@@ -5,9 +5,9 @@ which ``band`` computes, are recorded here as well.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 from cosim.channels.base import Arrival
 from cosim.channels.bluetooth import polling
@@ -219,30 +219,37 @@ class Slots:
         if payload is not None and last:
             self._queues.remove(payload)
         carriers = {k: air.carrier(self.address, slave) for k, slave in self._audience(payload is None)}
-        here = self.links.table[HERE].tolist()
-        present = {k for k in carriers if self._present(k, here, tick, kind.slots)}
+        present = self._present(carriers, tick, kind.slots)
         frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
         self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, carriers, present, last))
 
     def _audience(self, parked_only: bool) -> list[tuple[int, Address]]:
         """Return (number, address) of the slaves that may hear a broadcast: links by LT_ADDR, then parked slaves."""
         active = [] if parked_only else sorted(self.links.slaves.items())
-        return active + [(number, member.slave) for number, member in sorted(self._parking.members.items())]
+        parked = self._parking.members
+        return active + [(number, parked[number].slave) for number in sorted(parked)] if parked else active
 
-    def _present(self, k: int, here: list[int], tick: int, slots: int) -> bool:
-        piconet, table = self.links.piconet, self.links.table
-        if k in self._parking.members:
-            return self._parking.members[k].presence.here
-        if not here[k]:
-            return False
-        return not piconet[SHARED] or polling.open_slot(piconet, table, k, tick, slots) == tick
+    def _present(self, audience: Iterable[int], tick: int, slots: int) -> set[int]:
+        """Return the numbers of those of an *audience* that are there for a packet of *slots* from *tick* on."""
+        piconet, table, parked = self.links.piconet, self.links.table, self._parking.members
+        here, shared = table[HERE].tolist(), piconet[SHARED]
+        return {
+            k
+            for k in audience
+            if (
+                parked[k].presence.here
+                if k in parked
+                else here[k] and (not shared or polling.open_slot(piconet, table, k, tick, slots) == tick)
+            )
+        }
 
     def _broadcast_ends(
         self, frame: Frame, payload: Payload | None, carriers: dict[int, float], present: set[int], last: bool
     ) -> None:
         arrivals: list[Arrival] = []
+        now, table = self._kernel.now, self.links.table
         wanted = self._recorded if payload is not None else self._idle_recorded
-        joined = self.links.table[JOINED].tolist()
+        joined = table[JOINED].tolist()
         for k, slave in self._audience(payload is None):
             if k not in carriers:
                 continue  # it came while the frame was on the air
@@ -254,10 +261,12 @@ class Slots:
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
                 arrivals += self._received(slave, payload, self.address, carriers[k], True)
-            if fate.header_heard and parked is not None:
+            if not fate.header_heard:
+                continue
+            if parked is None:
+                table[HEARD_DOWN, k] = now
+            else:
                 self._on_beacon(k)
-            elif fate.header_heard:
-                self.links.table[HEARD_DOWN, k] = self._kernel.now
         events = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
         if arrivals or events:
             self._deliver(arrivals, events)
@@ -291,15 +300,16 @@ class Slots:
 
     def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
         """Return the fate at *receiver* of a frame that ends now."""
-        if not self._air.reaches(carrier_dbm):
+        air = self._air
+        if carrier_dbm < air.least_dbm:
             return FAR
         if not tuned:
             return UNTUNED
-        if self._air.spares(frame.start):
+        if air.spares(frame.start):
             return GOOD
         if payload is None:
-            return self._air.fate(frame, receiver, carrier_dbm, 0, False)
-        return self._air.fate(frame, receiver, carrier_dbm, payload.kind.payload_bits(frame.length), payload.kind.coded)
+            return air.fate(frame, receiver, carrier_dbm, 0, False)
+        return air.fate(frame, receiver, carrier_dbm, payload.kind.payload_bits(frame.length), payload.kind.coded)
 
     def _assess(self, frame: Frame, well: bool) -> None:
         """Count whether the pair that ends with *frame* went well on its channel, if the hop set is adapted."""
@@ -310,7 +320,7 @@ class Slots:
         self, receiver: Address, payload: Payload, source: Address, carrier_dbm: float, broadcast: bool = False
     ) -> list[Arrival]:
         """Return what reaches the host at *receiver* now: nothing if *payload* has to wait for the line to it."""
-        reception = Reception(source, broadcast, carrier_dbm if self._air.fades else None)
+        reception = Reception(source, broadcast, carrier_dbm) if self._air.fades else _unfaded(source, broadcast)
         arrival = (receiver, payload.outgoing.payload, reception)
         if self._transport is None:
             return [arrival]
@@ -327,6 +337,12 @@ class Slots:
         channel = self._air.channel(self.address, tick)
         start, kind = self.clock.time_of(tick), "NULL" if up else "POLL"
         self._air.record(Frame(start, HEADER_AIR, kind, source, destination, channel, k), fate)
+
+
+@cache
+def _unfaded(source: Address, broadcast: bool) -> Reception:
+    """Return how a payload of *source* arrives where signals do not fade."""
+    return Reception(source, broadcast)
 
 
 def _shape(payload: Payload | None, empty: PacketType) -> tuple[PacketType, Time, bool]:

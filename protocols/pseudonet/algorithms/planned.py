@@ -17,9 +17,8 @@ until a goal is covered: by L, or by a robot that was pushed onto it. The tours 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from cosim.geometry.grids import Cell, CoverageGrid
 from cosim.machine import Address
@@ -32,8 +31,7 @@ Planner: TypeAlias = Callable[[CoverageGrid, Sequence[Cell], int], Sequence[Tour
 """(grid, cells to cover, number of robots) -> a tour for each robot."""
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
+class Task(NamedTuple):
     """A robot's next goal, and the number of steps there."""
 
     robot: Address
@@ -84,17 +82,18 @@ class Planned:
 
     def _goal(self, view: View, robot: Address) -> Cell | None:
         tour = self._tours.get(robot, ())
-        index = self._next.get(robot, 0)
-        while index < len(tour) and view.is_covered(tour[index]):
-            index += 1
-        return tour[index] if index < len(tour) else None
+        for index in range(self._next.get(robot, 0), len(tour)):
+            if not view.is_covered(tour[index]):
+                return tour[index]
+        return None
 
     def _tasks(self, view: View) -> list[Task]:
         tasks = []
         for robot in view.members:
             tour = self._tours.get(robot, ())
-            while self._next.get(robot, 0) < len(tour) and tour[self._next[robot]] in view.covered:
-                self._next[robot] += 1
+            index = self._next.get(robot, 0)
+            while index < len(tour) and tour[index] in view.covered:
+                self._next[robot] = index = index + 1
             goal = self._goal(view, robot)
             if goal is not None:
                 tasks.append(Task(robot, goal, _distance(view, robot, goal)))
@@ -158,7 +157,7 @@ class _JointStep:
         here = self._view.cells[task.robot]
         steps = self._view.setup.steps[here]
         if task.distance == 1:
-            return [(action, task.goal) for action in STEPS if steps[action] == task.goal]
+            return [(STEPS[steps.index(task.goal)], task.goal)]
         away = self._view.setup.distances(task.goal, self._view.obstacles)
         nearer = task.distance - 1
         return [(action, steps[action]) for action in STEPS if steps[action] >= 0 and away[steps[action]] == nearer]

@@ -64,15 +64,14 @@ def _reachable(grid: CoverageGrid) -> list[Cell]:
 
 def _rounds(grid: CoverageGrid) -> tuple[set[Step], dict[Cell, Cell]]:
     """Return the walks inside the mega-cells, and which cells they connect: a union-find forest of parents."""
-    steps = grid.steps.tolist()
+    steps, corners, cells = grid.steps.tolist(), _corners(grid), _reachable(grid)
     walk: set[Step] = set()
-    joined = {cell: cell for cell in _reachable(grid)}
-    for corner in {_corner(grid, cell) for cell in _reachable(grid)}:
+    joined = {cell: cell for cell in cells}
+    for corner in {corners[cell] for cell in cells}:
         ring = (corner, corner + 1, corner + grid.nx + 1, corner + grid.nx)
         ahead = zip(ring, (EAST, NORTH, WEST, SOUTH), ring[1:] + ring[:1], strict=True)
         # on the eastern edge of an odd grid corner + 1 is a cell of the next row
-        inside = ((a, way, b) for a, way, b in ahead if a in joined and _corner(grid, a) == corner)
-        inner = {(a, b) for a, way, b in inside if steps[a][way] == b}
+        inner = {(a, b) for a, way, b in ahead if a in joined and corners[a] == corner and steps[a][way] == b}
         walk |= inner if len(inner) == 4 else inner | {(b, a) for a, b in inner}
         for a, b in inner:
             _join(joined, a, b)
@@ -90,10 +89,11 @@ def _join(joined: dict[Cell, Cell], a: Cell, b: Cell) -> bool:
     return roots[0] != roots[1]
 
 
-def _corner(grid: CoverageGrid, cell: Cell) -> Cell:
-    """Return the south-western cell of the mega-cell that holds *cell*."""
-    iy, ix = divmod(cell, grid.nx)
-    return (iy - iy % 2) * grid.nx + ix - ix % 2
+def _corners(grid: CoverageGrid) -> list[Cell]:
+    """Return the south-western cell of the mega-cell that holds each cell."""
+    iy, ix = np.divmod(np.arange(grid.nx * grid.ny), grid.nx)
+    corners: list[Cell] = ((iy - iy % 2) * grid.nx + ix - ix % 2).tolist()
+    return corners
 
 
 def _joins(grid: CoverageGrid, walk: set[Step]) -> tuple[list[tuple[Step, Step]], list[Step]]:
@@ -102,13 +102,13 @@ def _joins(grid: CoverageGrid, walk: set[Step]) -> tuple[list[tuple[Step, Step]]
     A round leads north along a mega-cell's eastern border and west along its northern one; the steps along a border
     belong to one join only, so that no join takes away another's steps.
     """
-    steps = grid.steps.tolist()
+    steps, corners = grid.steps.tolist(), _corners(grid)
     free: list[tuple[Step, Step]] = []
     costly: list[Step] = []
     for a1 in _reachable(grid):
         for across, along in ((EAST, NORTH), (NORTH, WEST)):
             b1 = steps[a1][across]
-            if b1 < 0 or _corner(grid, a1) == _corner(grid, b1):
+            if b1 < 0 or corners[a1] == corners[b1]:
                 continue
             costly.append((a1, b1))
             a2, b2 = steps[a1][along], steps[b1][along]

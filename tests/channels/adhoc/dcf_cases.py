@@ -158,14 +158,14 @@ class Network:
             held, number = held - 1, network.packets[number]["next"]
         return held
 
-    def write_rows(self, first: Address, last: Address, rows: Records) -> Int64s:
-        ends, end = [], 0
+    def write_rows(self, first: Address, last: Address, rows: Records, begin: int) -> Int64s:
+        ends, end = np.zeros(len(self._case.hears), np.int64), begin
         for source in range(first, last + 1):
             addresses = [other for other, hears in enumerate(self._case.hears[source]) if hears and other != source]
             begin, end = end, end + len(addresses)
             rows["address"][begin:end], rows["mw"][begin:end] = addresses, 1.0
-            ends.append(end)
-        return np.array(ends)
+            ends[source] = end
+        return ends
 
     def noted(self, report: Report, packet: Packet | None) -> None:
         if report.what == OVER:

@@ -45,7 +45,7 @@ CALLS = st.lists(
 @given(CALLS, st.lists(st.integers(0, 3 * S), min_size=40, max_size=40), st.booleans())
 def test_no_bytes_and_no_order_of_calls_raise(calls: list[tuple], steps: list[Time], repair: bool) -> None:
     said = AodvSettings(local_repair=repair, use_rrep_ack=repair, queue_payloads=3, rreq_ratelimit=2)
-    one, now = Aodv(0, said, Draws(1, "aodv")), 0
+    one, now, watched = Aodv(0, said, Draws(1, "aodv")), 0, []
     for (what, first, second), step in zip(calls, steps, strict=False):
         now += step
         match what:
@@ -53,11 +53,13 @@ def test_no_bytes_and_no_order_of_calls_raise(calls: list[tuple], steps: list[Ti
                 one.receive(first, second, now)
             case "send":
                 one.send(first, second, 1, now)
-            case "done":
-                one.hop_done(first, second, now)
+            case "done" if watched:
+                one.hop_done(watched.pop(first % len(watched)), second, now)
             case "wake":
                 one.wake(now)
-        assert all(decode(hop.packet) is not None for hop in one.hops())
+        hops = one.hops()
+        watched += [hop.token for hop in hops if hop.token is not None]
+        assert all(decode(hop.packet) is not None for hop in hops)
         assert one.next_hop(0, now) is None
         at, searched = one.wake_at(), searched_deadline(one)
         assert searched is None or (at is not None and at <= searched)

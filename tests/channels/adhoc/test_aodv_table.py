@@ -63,9 +63,9 @@ def test_a_route_that_was_merely_heard_ends_without_another_number() -> None:
     heard = table.get(1)
     assert heard is not None
     assert (heard.sequence, heard.known, heard.active) == (6, False, True)
-    table.learn(1, 5)
+    table.hear(1, 10 * S, 5)
     assert not heard.known
-    table.learn(1, 6)
+    table.hear(1, 10 * S, 6)
     assert heard.known
 
 
@@ -73,8 +73,7 @@ NEAR = st.integers(1, 4)
 LASTS = st.integers(-2, 12)
 CHANGES = st.one_of(
     st.tuples(st.just("offer"), NEAR, NEAR, st.integers(1, 3), st.integers(1, 9), LASTS),
-    st.tuples(st.just("hear"), NEAR, LASTS),
-    st.tuples(st.just("learn"), NEAR, st.integers(1, 9)),
+    st.tuples(st.just("hear"), NEAR, LASTS, st.none() | st.integers(1, 9)),
     st.tuples(st.just("prolong"), NEAR, LASTS),
     st.tuples(st.just("keep"), NEAR, LASTS),
     st.tuples(st.just("end"), NEAR),
@@ -105,8 +104,10 @@ def _change(table: RouteTable, change: tuple, now: Time) -> object:
     what, destination, *rest = change
     method: Callable[..., object] = getattr(table, what)
     match what:
-        case "learn":
-            return method(destination, *rest)
+        case "hear":
+            return method(destination, now + rest[0], rest[1])
+        case "prolong":
+            return method((destination,), now + rest[0])
         case "end":
             return method(destination, now) if table.active(destination) else None
         case _:

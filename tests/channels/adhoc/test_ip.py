@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.channels.adhoc.routing import ip
 from cosim.channels.adhoc.routing.ip import Datagram, checksum, decode, encode, ip_of, robot_of
 from cosim.errors import WireError
 from cosim.machine import BROADCAST
@@ -11,8 +12,8 @@ from cosim.machine import BROADCAST
 
 def test_the_checksum_is_that_of_a_header_whose_sum_is_known() -> None:
     # the worked example of Wikipedia's article on the IPv4 header checksum: 0xb861
-    assert checksum(bytes.fromhex("45000073000040004011 0000 c0a80001c0a800c7")) == 0xB861
-    assert checksum(bytes.fromhex("45000073000040004011 b861 c0a80001c0a800c7")) == 0
+    assert checksum(0x45000073000040004011_0000_C0A80001C0A800C7) == 0xB861
+    assert checksum(0x45000073000040004011_B861_C0A80001C0A800C7) == 0
 
 
 def test_a_datagram_has_these_octets() -> None:
@@ -44,7 +45,10 @@ DATAGRAMS = st.builds(
 
 @given(DATAGRAMS)
 def test_what_is_encoded_is_decoded(datagram: Datagram) -> None:
-    assert decode(encode(datagram)) == datagram
+    packet = encode(datagram)
+    assert decode(packet) == datagram, "as it is remembered"
+    ip._known.clear()
+    assert decode(packet) == datagram, "as it is on the air"
 
 
 @given(DATAGRAMS, st.integers(0, 19), st.integers(0, 7))
@@ -53,6 +57,12 @@ def test_a_wrong_bit_in_the_header_is_noticed(datagram: Datagram, place: int, bi
     packet[place] ^= 1 << bit
     with pytest.raises(WireError):
         decode(bytes(packet))
+
+
+def test_only_the_last_packets_are_remembered() -> None:
+    for number in range(2 * ip._KNOWN):
+        decode(encode(Datagram(0, 1, 64, 654, number, b"")))
+        assert len(ip._known) <= ip._KNOWN
 
 
 @given(st.binary(max_size=60))

@@ -28,7 +28,7 @@ class _HoledAir(Air):
         powers = [
             [0.0 if one != two and self._field.reach(one, two, now) else -np.inf for two in devices] for one in devices
         ]
-        self.band.medium.power_dbm[:] = powers
+        self.medium.power_dbm[:] = powers
         return super()._sections(frame, receiver, *rest)
 
 

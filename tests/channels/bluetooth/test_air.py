@@ -48,7 +48,7 @@ def test_many_trains_come_and_go_and_the_last_one_is_still_met():
         frame = scene.put(1, start, DM5_AIR, inquiry_channel(first, "A"))
         air.advance(start + DM5_AIR)
         assert scene.judge(frame) == Fate(Heard.COLLIDED, Part.ACCESS_CODE)
-        assert len(air.band.medium.trains) <= 3
+        assert len(air.medium.trains) <= 3
 
 
 def test_any_number_of_trains_may_be_on_the_air_at_once():

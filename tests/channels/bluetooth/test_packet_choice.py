@@ -20,7 +20,7 @@ def noisy_bench(size: int, es_n0_db: float, **settings: object) -> Bench:
 
 
 def set_es_n0(bench: Bench, es_n0_db: float, *pairs: tuple[int, int]) -> None:
-    powers = bench.air.band.medium.power_dbm.copy()
+    powers = bench.air.medium.power_dbm.copy()
     if not pairs:
         powers[:] = es_n0_db - 100.0
         np.fill_diagonal(powers, -np.inf)

@@ -303,7 +303,7 @@ def test_a_slave_begins_to_page_when_the_slot_pair_under_way_is_over(length: int
         frames = net.run_for(8 * MS)
         (answer,) = [f for f in frames if (f["source"], f["destination"]) == (1, 0)]
         assert answer["outcome"] == "received"
-        trains = net.channel.air.band.medium.trains
+        trains = net.channel.air.medium.trains
         (first_id,) = trains["since"][trains["sender"] == 1]
         assert answer["time_ns"] + answer["duration_ns"] <= first_id <= answer["time_ns"] + 4 * SLOT
 

@@ -8,13 +8,14 @@ PATH_DISCOVERY_TIME.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 from cosim.channels.adhoc.routing.aodv_control import Control
 from cosim.channels.adhoc.routing.aodv_output import Watch
 from cosim.channels.adhoc.routing.aodv_routes import MASK
 from cosim.channels.adhoc.routing.aodv_search import Carried, RateLimit, Search
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
-from cosim.channels.adhoc.routing.aodv_wire import Rreq, decode_message
+from cosim.channels.adhoc.routing.aodv_wire import Message, Rreq, decode_message
 from cosim.channels.adhoc.routing.base import Delivery, Unsent
 from cosim.channels.adhoc.routing.flooding import Seen
 from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
@@ -58,37 +59,28 @@ class Aodv(Control):
         else:
             self._route(carried, now)
 
-    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
+    def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
         """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped."""
         self.table.age(now)
-        try:
-            datagram = decode(packet)
-            message = decode_message(datagram.data) if datagram.port == AODV_PORT else None
-        except WireError:
+        me, due, (datagram, message) = self.address, self._due, _understood(packet, hop)
+        if datagram is None or hop == me or (message is not None and datagram.destination not in (BROADCAST, me)):
             self.counts["packets_malformed"] += 1
-            return
-        source, destination = datagram.source, datagram.destination
-        strange = message is not None and (source != hop or destination not in (self.address, BROADCAST))
-        if strange or source == BROADCAST or hop in (self.address, BROADCAST):
-            self.counts["packets_malformed"] += 1
-            return
+            return False
         known = self._neighbours.pop(hop, None)
         if known is not None:
             self._neighbours[hop] = known[0], now
         if message is not None:
             self._hears(message, datagram, hop, now)
-        elif datagram.port == PAYLOAD_PORT and source != self.address:
+        elif datagram.port == PAYLOAD_PORT and datagram.source != me:
             self._carry(datagram, hop, now)
         if self._searches:
             self._go_on(now)
+        return self._due != due or self.left
 
-    def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
+    def hop_done(self, token: Watch, acknowledged: bool, now: Time) -> None:
         """Note an acknowledgement, or a link that is broken (6.8, 6.10, 6.12)."""
         self.table.age(now)
-        watch = self._watched.pop(token, None)
-        if watch is None:
-            return
-        neighbour, carried, reply = watch
+        neighbour, carried, reply = token
         if neighbour == BROADCAST or acknowledged or not self.settings.use_mac_feedback:
             if carried is not None:
                 good = Outcome.SENT if neighbour == BROADCAST else Outcome.DELIVERED
@@ -107,28 +99,23 @@ class Aodv(Control):
             self._lose(carried)
         self._go_on(now)
 
-    def hop_refused(self, token: int, now: Time) -> None:
+    def hop_refused(self, token: Watch, now: Time) -> None:
         """Lose a payload that the station has had no room for; that breaks no link."""
-        watch = self._watched.pop(token, None)
-        if watch is None:
-            return
-        if watch.reply:
-            self._acks.pop(watch.neighbour, None)
-        if watch.carried is not None:
-            self._lose(watch.carried, Outcome.QUEUE_FULL)
+        if token.reply:
+            self._acks.pop(token.neighbour, None)
+        if token.carried is not None:
+            self._lose(token.carried, Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
         """Do what is due: held broadcasts, hellos, silent neighbours, and searches without a reply."""
         self.table.age(now)
         self._release(now)
         self._tend_links(now)
-        for destination, search in list(self._searches.items()):
-            if search.due <= now:
-                if search.asked and not search.widen(self.settings):
-                    self._give_up(destination, now)
-                else:
-                    self._request(destination, search, now)
-        self._due = min([*self._links_due(), *(search.due for search in self._searches.values())], default=None)
+        dues: list[Time] = []
+        if self._searches:
+            self._search_on(now)
+            dues += [search.due for search in self._searches.values()]
+        self._due = min(dues + self._links_due(), default=None)
 
     def wake_at(self) -> Time | None:
         """Return an instant before which nothing is due if nothing comes in; right after ``wake`` something is then."""
@@ -158,13 +145,13 @@ class Aodv(Control):
         elif ttl <= 1:
             self.counts["payloads_unrouted"] += 1
         else:
-            self._route(Carried(datagram._replace(ttl=ttl - 1), hop), now)
+            shorter = Datagram(source, destination, ttl - 1, PAYLOAD_PORT, datagram.number, datagram.data)
+            self._route(Carried(shorter, hop), now)
 
     def _use(self, robots: Sequence[Address], now: Time) -> None:
         """Prolong routes that are used to ACTIVE_ROUTE_TIMEOUT from now (6.2)."""
         until = now + self.times.active_route
-        for robot in robots:
-            self.table.prolong(robot, until)
+        self.table.prolong(robots, until)
         self._engage(until, now)
 
     def _route(self, carried: Carried, now: Time) -> None:
@@ -197,6 +184,15 @@ class Aodv(Control):
             self._route(carried, now)
 
     # ------------------------------------------------------------ searches
+
+    def _search_on(self, now: Time) -> None:
+        """Send the requests that are due, and end searches without a reply."""
+        for destination, search in list(self._searches.items()):
+            if search.due <= now:
+                if search.asked and not search.widen(self.settings):
+                    self._give_up(destination, now)
+                else:
+                    self._request(destination, search, now)
 
     def _repairs(self, destination: Address) -> bool:
         return self.settings.local_repair and destination in self._searches
@@ -268,3 +264,16 @@ class Aodv(Control):
             self._lose(carried, Outcome.NO_ROUTE)
         if search.repair is not None:
             self._report([destination], now)
+
+
+@lru_cache(maxsize=64)  # a packet to all is decoded once, not once by every robot that it reaches
+def _understood(packet: bytes, hop: Address) -> tuple[Datagram | None, Message | None]:
+    """Return the datagram of a *packet* from *hop*, None if it makes no sense, and the message in it if it has one."""
+    try:
+        datagram = decode(packet)
+        message = decode_message(datagram.data) if datagram.port == AODV_PORT else None
+    except WireError:
+        return None, None
+    if BROADCAST in (datagram.source, hop) or (message is not None and datagram.source != hop):
+        return None, None  # messages make one hop
+    return datagram, message

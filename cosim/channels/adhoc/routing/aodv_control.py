@@ -95,7 +95,7 @@ class Control(Output):
         back = self.table.active(rreq.originator)
         longest = until if back is None else max(until, back.until)
         self.table.offer(rreq.originator, hop, hops, rreq.originator_sequence, longest)
-        self.table.prolong(rreq.originator, until)
+        self.table.prolong((rreq.originator,), until)
         if rreq.destination == self.address:
             self._catch_up(rreq.sequence)
             lifetime = self.times.my_route
@@ -131,8 +131,7 @@ class Control(Output):
         """Note that a neighbour is there (6.9)."""
         if rrep.destination != hop or rrep.hops:
             return
-        self.table.hear(hop, now + rrep.lifetime_ms * MS)
-        self.table.learn(hop, rrep.sequence)
+        self.table.hear(hop, now + rrep.lifetime_ms * MS, rrep.sequence)
         if self.settings.use_hello:
             self._neighbours[hop] = now, now  # the last in their order, by ``receive``
             self._expect(now + self.times.loss)
@@ -254,7 +253,7 @@ class Control(Output):
                 self._blacklist[neighbour] = now + self.times.blacklist
 
     def _links_due(self) -> list[Time]:
-        due = list(self._acks.values())
+        due = [*self._acks.values()]
         if self._neighbours:
             due.append(next(iter(self._neighbours.values()))[1] + self.times.loss)
         if self._hello_at is not None:

@@ -27,7 +27,7 @@ _COUNTS = (
 
 
 class Watch(NamedTuple):
-    """The purpose of a packet whose fate the station reports."""
+    """The purpose of a packet whose fate the station reports: the token of its hop."""
 
     neighbour: Address
     carried: Carried | None
@@ -49,8 +49,6 @@ class Output(Queues):
         self._identification, self._request_id, *_ = draws.words(now, address, _FIRST)
         self._held: list[tuple[Time, int, Hop]] = []
         """Broadcasts that wait for their jitter to pass."""
-        self._watched: dict[int, Watch] = {}
-        self._tokens = 0
         self._hello_at: Time | None = None
         """Instant at which the next hello is due."""
         self._due: Time | None = None
@@ -73,12 +71,9 @@ class Output(Queues):
         self, neighbour: Address, packet: bytes, now: Time, watch: Watch | None = None, held: bool = False
     ) -> None:
         """Leave *packet* for the station, or after a random time if it is to be *held* back."""
-        token = None
-        if watch is not None:
-            self._tokens += 1
-            token = self._tokens
-            self._watched[token] = watch
-        hop, after = Hop(neighbour, packet, token), self._draw(self.times.jitter) if held and self.times.jitter else 0
+        only_failure = watch is not None and (watch.carried is None or watch.carried.token is None)
+        hop = Hop(neighbour, packet, watch, only_failure)
+        after = self._draw(self.times.jitter) if held and self.times.jitter else 0
         if after:
             heappush(self._held, (now + after, self._drawn, hop))
             self._expect(now + after)

@@ -7,6 +7,7 @@ A route to a neighbour that was merely heard keeps the number, but answers no re
 so no robot's number of another is ever more than one ahead of that robot's own, whose next request is new to all.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -79,7 +80,9 @@ class RouteTable:
 
     def active(self, destination: Address) -> Route | None:
         """Return the route that payloads to *destination* take."""
-        route = self.get(destination)
+        route = self._routes.get(destination)
+        if route is not None and route.until <= self._now:
+            route = self.get(destination)
         return route if route is not None and route.active else None
 
     def through(self, next_hop: Address) -> list[Address]:
@@ -111,32 +114,35 @@ class RouteTable:
             self._short.add(destination)
         return True
 
-    def hear(self, neighbour: Address, until: Time) -> None:
-        """Take a route of one hop to a *neighbour* that has just been heard; its sequence number stays as it is."""
-        route = self.get(neighbour)
+    def hear(self, neighbour: Address, until: Time, sequence: int | None = None) -> None:
+        """Take a route of one hop to a *neighbour* that has just been heard.
+
+        Its number stays as it is, unless it has said its *sequence* number itself, and no newer one is known.
+        """
+        route = self._routes.get(neighbour)
+        if route is not None and route.until <= self._now:
+            route = self.get(neighbour)
         if route is None:
-            self._add(neighbour, Route(neighbour, 1, None, False, until))
+            route = Route(neighbour, 1, None, False, until)
+            self._add(neighbour, route)
         elif route.active and route.hops == 1:
             if until > route.until:
                 route.until = until
-            return
         else:
             route.known = route.known and route.active
             route.next_hop, route.hops, route.active, route.until = neighbour, 1, True, until
-        if until <= self._now:
+        if route.until <= self._now:
             self._short.add(neighbour)
-
-    def learn(self, destination: Address, sequence: int) -> None:
-        """Take over a *sequence* number that the destination itself has sent, unless a newer one is known."""
-        route = self.get(destination)
-        if route is not None and (route.sequence is None or not newer(route.sequence, sequence)):
+        known = route.sequence
+        if sequence is not None and (known is None or known == sequence or not newer(known, sequence)):
             route.sequence, route.known = sequence, True
 
-    def prolong(self, destination: Address, until: Time) -> None:
-        """Prolong an active route to *until* at least."""
-        route = self.active(destination)
-        if route is not None:
-            route.until = max(route.until, until)
+    def prolong(self, destinations: Iterable[Address], until: Time) -> None:
+        """Prolong those of the routes to *destinations* that are active to *until* at least."""
+        for destination in destinations:
+            route = self.active(destination)
+            if route is not None and until > route.until:
+                route.until = until
 
     def keep(self, destination: Address, until: Time) -> None:
         """Remember an ended route to *until* at least."""

@@ -94,7 +94,7 @@ def encode_message(message: Message) -> bytes:
             return bytes((_RREP_ACK, 0))
 
 
-@lru_cache(maxsize=64)  # one message is for all robots that it reaches
+@lru_cache(maxsize=64)  # a robot's hellos are the same again and again
 def decode_message(data: bytes) -> Message:
     """Return the message of *data*; raise WireError if it is none, or one about no robot."""
     kind = data[0] if data else 0

@@ -5,7 +5,7 @@ over packets that have arrived, and reports whether a neighbour has acknowledged
 leaves, and wakes it at ``wake_at``. All that a router knows of the network it has from bytes that it has received.
 """
 
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from cosim.channels.adhoc.routing.ip import HEADER_OCTETS
 from cosim.machine import Address, Outcome
@@ -22,8 +22,10 @@ class Hop(NamedTuple):
     """Neighbour that is to take it, or BROADCAST."""
     packet: bytes
     """An IPv4 packet, see ``ip``."""
-    token: int | None = None
-    """Token by which its fate is reported to the router; None if the router does not ask for it."""
+    token: Any = None
+    """What the router is handed back with its fate; None if it does not ask for that."""
+    only_failure: bool = False
+    """True if it asks to hear of a failure only."""
 
 
 class Delivery(NamedTuple):
@@ -50,13 +52,16 @@ class Router(Protocol):
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
         """Bring *payload* to *destination*, or to all (BROADCAST); its fate is reported if it has a *token*."""
 
-    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
-        """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped."""
+    def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
+        """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped.
 
-    def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
+        Return False if that has left nothing to drain, and ``wake_at`` is not earlier than it was.
+        """
+
+    def hop_done(self, token: Any, acknowledged: bool, now: Time) -> None:
         """Note the fate of a :class:`Hop` with a *token*."""
 
-    def hop_refused(self, token: int, now: Time) -> None:
+    def hop_refused(self, token: Any, now: Time) -> None:
         """Note that the station had no room for a :class:`Hop`: it is lost, and the link is as it was."""
 
     def wake(self, now: Time) -> None:

@@ -109,7 +109,7 @@ class Flooding(Queues):
         self._number = (self._number + 1) % NUMBERS
         self._hops.append(Hop(BROADCAST, packet, token))
 
-    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
+    def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
         """Deliver a payload that is new and meant for this robot, and have it repeated if others may want it."""
         try:
             datagram = decode(packet)
@@ -117,14 +117,15 @@ class Flooding(Queues):
                 raise WireError(f"port {datagram.port}, source {datagram.source}: no payload of a robot")
         except WireError:
             self._malformed += 1
-            return
+            return False
         source, destination, ttl = datagram.source, datagram.destination, datagram.ttl
         if source == self._address or not self._seen.first((source, datagram.number), now):
-            return
+            return False
         if destination in (BROADCAST, self._address):
             self._deliveries.append(Delivery(source, datagram.data, destination == BROADCAST))
         if destination != self._address and ttl > 1:
             self._repeats.add(encode(datagram._replace(ttl=ttl - 1)), now)
+        return True
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
         """Report that an own payload has been on the air."""

@@ -3,7 +3,7 @@
 Robot n has the address 10.0.(n div 250).(1 + n mod 250). A packet to all in reach goes to 255.255.255.255.
 """
 
-from functools import lru_cache
+from functools import cache
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -20,8 +20,13 @@ OLSR_PORT: Final = 698
 HEADER_OCTETS: Final = 28
 """Length of the headers of IPv4 and UDP."""
 _IP: Final = Struct(">BBHHHBBHII")
-_UDP: Final = Struct(">HHHH")
+_HEADERS: Final = Struct(f"{_IP.format}HHHH")
+_FIRST: Final = 0x45
+"""The first octet of IPv4 without options."""
 _PER_BLOCK: Final = 250
+_KNOWN: Final = 1024
+"""The most packets of which the datagram is remembered."""
+_known: dict[bytes, "Datagram"] = {}
 
 
 class Datagram(NamedTuple):
@@ -38,11 +43,13 @@ class Datagram(NamedTuple):
     data: bytes
 
 
+@cache
 def ip_of(address: Address) -> int:
     """Return the IPv4 address of a robot as a number of 32 bits."""
     return ALL if address == BROADCAST else NET | address // _PER_BLOCK << 8 | 1 + address % _PER_BLOCK
 
 
+@cache
 def robot_of(ip: int) -> Address:
     """Return the robot with the IPv4 address *ip*; raise WireError if there is none."""
     if ip == ALL:
@@ -56,30 +63,50 @@ def robot_of(ip: int) -> Address:
 def encode(datagram: Datagram) -> bytes:
     """Return the packet of *datagram*."""
     source, destination, ttl, port, number, data = datagram
-    length = _IP.size + _UDP.size + len(data)
-    fields = (0x45, 0, length, number & 0xFFFF, 0, ttl, UDP)
-    addresses = ip_of(source), ip_of(destination)
-    header = _IP.pack(*fields, checksum(_IP.pack(*fields, 0, *addresses)), *addresses)
-    return header + _UDP.pack(port, port, _UDP.size + len(data), 0) + data  # 0: no checksum, the FCS has one
+    length, number = HEADER_OCTETS + len(data), number & 0xFFFF
+    one, other = ip_of(source), ip_of(destination)
+    rest = checksum((_FIRST << 8) + length + number + (ttl << 8 | UDP) + one + other)
+    udp = port, port, length - _IP.size, 0  # 0: no checksum, the FCS has one
+    packet = _HEADERS.pack(_FIRST, 0, length, number, 0, ttl, UDP, rest, one, other, *udp) + data
+    _remember(packet, Datagram(source, destination, ttl, port, number, data))
+    return packet
 
 
-@lru_cache(maxsize=64)  # a packet to all is decoded once, not once by every robot that it reaches
+def _remember(packet: bytes, datagram: Datagram) -> None:
+    if len(_known) == _KNOWN:
+        _known.clear()
+    _known[packet] = datagram
+
+
 def decode(packet: bytes) -> Datagram:
-    """Return the datagram in *packet*; raise WireError for what ``encode`` would not have made."""
-    if len(packet) < _IP.size + _UDP.size:
+    """Return the datagram in *packet*; raise WireError for what ``encode`` would not have made.
+
+    It has been encoded here or decoded for another robot lately, mostly: then it is known.
+    """
+    datagram = _known.get(packet)
+    if datagram is None:
+        datagram = _decoded(packet)
+        _remember(packet, datagram)
+    return datagram
+
+
+def _decoded(packet: bytes) -> Datagram:
+    if len(packet) < HEADER_OCTETS:
         raise WireError(f"{len(packet)} octets are no UDP datagram")
-    version, _, length, number, fragment, ttl, protocol, _, source, destination = _IP.unpack_from(packet)
-    if version != 0x45 or protocol != UDP or fragment or length != len(packet) or checksum(packet[: _IP.size]):
+    fields = _HEADERS.unpack_from(packet)
+    first, service, length, number, fragment, ttl, protocol, rest, one, other, port, to_port, udp_length, _ = fields
+    if first != _FIRST or protocol != UDP or fragment or length != len(packet):
         raise WireError("an IPv4 header that no robot sends")
-    port, to_port, udp_length, _ = _UDP.unpack_from(packet, _IP.size)
+    if checksum((_FIRST << 8 | service) + length + number + (ttl << 8 | UDP) + rest + one + other):
+        raise WireError("an IPv4 header with a wrong checksum")
     if to_port != port or udp_length != length - _IP.size:
         raise WireError("a UDP header that no robot sends")
-    data = packet[_IP.size + _UDP.size :]
-    return Datagram(robot_of(source), robot_of(destination), ttl, port, number, data)
+    return Datagram(robot_of(one), robot_of(other), ttl, port, number, packet[HEADER_OCTETS:])
 
 
-def checksum(header: bytes) -> int:
-    """Return the Internet checksum (RFC 1071) of an even number of octets; 0 over a header that contains its own."""
-    octets = int.from_bytes(header, "big")
-    total = octets % 0xFFFF or (0xFFFF if octets else 0)  # the sum of words of 16 bits, carries added to it again
-    return 0xFFFF - total
+def checksum(total: int) -> int:
+    """Return the Internet checksum (RFC 1071) of numbers of 16, 32 or more bits of which *total* is the sum.
+
+    It is 0 if the checksum is among them.
+    """
+    return 0xFFFF - (total % 0xFFFF or (0xFFFF if total else 0))  # their words added up, and carries to that again

@@ -244,12 +244,12 @@ class Olsr(Queues):
         else:
             self._route(datagram, token, now)
 
-    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
+    def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
         """Take a payload or an OLSR packet; bytes that make no sense are counted and dropped."""
         try:
             datagram = decode(packet)
             if datagram.source == self._address:
-                return
+                return False
             if datagram.source == BROADCAST:
                 raise WireError("all robots at once are no source")
             if datagram.port == OLSR_PORT:
@@ -260,6 +260,7 @@ class Olsr(Queues):
                 raise WireError(f"nobody listens at port {datagram.port}")
         except WireError:
             self._counts["packets_malformed"] += 1
+        return True
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
         """Note the fate of a payload; with MAC feedback a failure breaks the link (section 13)."""
