@@ -326,7 +326,7 @@ def _swept_clearance(grid: SegmentGrid, p: Floats, q: Floats, limit: float) -> F
 
 @njit(cache=True, borrows=True)
 def room_along(grid: SegmentGrid, px: float, py: float, qx: float, qy: float, limit: float) -> float:
-    """Return the distance of the segment p-q from the walls, at most *limit*; a kernel for kernels."""
+    """Return the distance of the segment p-q from the walls, at most *limit*; see :func:`swept_clearance`."""
     best = limit * limit
     low_x, high_x, low_y, high_y = cells_near(grid, px, py, qx, qy, limit)
     for iy in range(low_y, high_y):

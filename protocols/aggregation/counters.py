@@ -40,10 +40,6 @@ class Counters:
     ahead: Time = 0
     """Time by which faults have set the robot's clock forward since it began, as of the last tick."""
 
-    def spend(self, cost: tuple[float, float], octets: int) -> None:
-        """Count the energy of a frame with *octets* of payload."""
-        self.radio_j += cost[0] + cost[1] * octets
-
     def moved(self, way_m: float, now: Time) -> None:
         """Count the way of one tick."""
         ways_m = self.ways_m

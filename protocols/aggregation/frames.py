@@ -10,6 +10,7 @@ most 6e-8 of itself.
 import struct
 from collections.abc import Callable, Iterable
 from functools import lru_cache
+from itertools import chain
 from struct import Struct
 from typing import Any, Final
 
@@ -128,13 +129,11 @@ def _written_plan(plan: Plan) -> bytes:
     host, version, departed_ms, speed_mps, way_m = plan
     if not way_m or not 0.0 <= speed_mps <= FAR_M:
         raise ValueError(f"no way at {speed_mps} m/s over {len(way_m)} points")
-    return PLAN.pack(host, version, departed_ms, speed_mps, len(way_m)) + b"".join(map(_written_point, way_m))
-
-
-def _written_point(point: Point) -> bytes:
-    if not _near(*point):
-        raise ValueError(f"nothing is at {point}")
-    return POINT.pack(*point)
+    for x, y in way_m:
+        if not _near(x, y):
+            raise ValueError(f"nothing is at ({x}, {y})")
+    points = _points(len(way_m)).pack(*chain.from_iterable(way_m))
+    return PLAN.pack(host, version, departed_ms, speed_mps, len(way_m)) + points
 
 
 def _written_targets(targets: tuple[Finding, ...]) -> bytes:
@@ -180,6 +179,11 @@ def _written_assign(code: int, sender: Address, order: Assign) -> bytes:
 @lru_cache(maxsize=REMEMBERED)
 def _numbers(count: int) -> Struct:
     return Struct(f">{count}H")
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _points(count: int) -> Struct:
+    return Struct(f">{2 * count}f")
 
 
 # ---------------------------------------------------------------- reading

@@ -18,7 +18,7 @@ from cosim.geometry.boundary import PackedBoundary, boundary, inflated, packed_b
 from cosim.geometry.planning import PlanningGrid, Point, cost_to_go, wall_planning_grid
 from cosim.geometry.polylines import length_m
 from cosim.geometry.roadmap import Roadmap, line_is_free, roadmap
-from cosim.geometry.segments import SegmentGrid, in_sight, segment_grid, swept_clearance
+from cosim.geometry.segments import SegmentGrid, in_sight, room_along, segment_grid
 from cosim.jit import njit
 from protocols.aggregation.ground_posts import lattice, posts_of, rooms_of_cells
 
@@ -26,8 +26,7 @@ MOST_CORNERS: Final = 500
 """Largest number of corners for which a roadmap is made; ways on other floors come from wavefronts only."""
 TOUCH_M: Final = 0.01
 """Room on a way in addition to the robot's radius."""
-ITSELF: Final = -1
-NOWHERE: Final = -2
+NOWHERE: Final = -1
 _KEPT: Final = 8
 """Number of grounds that are cached for the next runs on their floors."""
 
@@ -65,7 +64,8 @@ class Ground:
         It is exact where ``open``, which works by cells, is too careful.
         """
         reach = self.radius_m + more_m
-        return bool(swept_clearance(self.walls, [a_m], [b_m], reach + TOUCH_M)[0] >= reach)
+        room_m: float = room_along(self.walls, *a_m, *b_m, reach + TOUCH_M)
+        return room_m >= reach
 
     def stands(self, point_m: Point) -> Point | None:
         """Return a point itself if its cell is free, else the nearest free centre of a cell that it sees; or None.
@@ -73,12 +73,12 @@ class Ground:
         None if there is none within two metres or four cells.
         """
         grid = self.grid
-        reach = max(2.0, 4.0 * grid.cell_m) / grid.cell_m
-        x, y = ((point_m[axis] - grid.origin_m[axis]) / grid.cell_m for axis in (0, 1))
-        cell = _standing(grid.free, self.walls, *grid.origin_m, grid.cell_m, x, y, reach)
-        if cell == ITSELF:
+        (ny, nx), cell_m = grid.free.shape, grid.cell_m
+        x, y = (point_m[0] - grid.origin_m[0]) / cell_m, (point_m[1] - grid.origin_m[1]) / cell_m
+        if 0.0 <= x < nx and 0.0 <= y < ny and grid.free[int(y), int(x)]:
             return point_m
-        return grid.centre_m(cell) if cell >= 0 else None
+        cell = _standing(grid.free, self.walls, *grid.origin_m, cell_m, x, y, max(2.0, 4.0 * cell_m) / cell_m)
+        return grid.centre_m(cell) if cell != NOWHERE else None
 
     def way(self, start_m: Point, goal_m: Point) -> list[Point] | None:
         """Return the way points of a shortest way from *start_m* to *goal_m*, or None if none leads there.
@@ -249,14 +249,8 @@ def _ground(
 def _standing(
     free: Bools, walls: SegmentGrid, origin_x: float, origin_y: float, cell: float, x: float, y: float, reach: float
 ) -> int:
-    """Return the number of the nearest free cell in the sight of (x, y), within *reach*; in cells.
-
-    ITSELF if the point's own cell is free; NOWHERE if there is none.
-    """
+    """Return the number of the nearest free cell in the sight of (x, y), within *reach*, in cells; NOWHERE if none."""
     ny, nx = free.shape
-    own_x, own_y = math.floor(x), math.floor(y)
-    if 0 <= own_x < nx and 0 <= own_y < ny and free[own_y, own_x]:
-        return ITSELF
     best, found = reach * reach, NOWHERE
     for iy in range(max(int(y - reach), 0), min(int(y + reach) + 1, ny)):
         for ix in range(max(int(x - reach), 0), min(int(x + reach) + 1, nx)):

@@ -38,18 +38,20 @@ class Radio:
 
     def send(self, message: Message, destination: Address = BROADCAST, radio: int = SHORT) -> None:
         """Send *message* to one robot, or to all in reach, by one of the robot's radios."""
-        data = encode(self.me, message)
-        self._counters.frames += 1
-        self._counters.payload_bytes += len(data)
-        self._counters.spend(BROADCAST_J if destination == BROADCAST else SEND_J, len(data))
+        data, counters = encode(self.me, message), self._counters
+        counters.frames += 1
+        counters.payload_bytes += len(data)
+        frame_j, octet_j = BROADCAST_J if destination == BROADCAST else SEND_J
+        counters.radio_j += frame_j + octet_j * len(data)
         self._outbox.append(Outgoing(destination, data, None, radio))
 
     def receive(self, data: bytes, reception: Reception) -> tuple[Address, Message] | None:
         """Return sender and message; None for the robot's own frames, and None with an event for bad bytes."""
-        self._counters.spend(HEAR_J if reception.broadcast else RECEIVE_J, len(data))
+        frame_j, octet_j = HEAR_J if reception.broadcast else RECEIVE_J
+        self._counters.radio_j += frame_j + octet_j * len(data)
         try:
-            sender, message = decode(data)
+            heard = decode(data)
         except WireError:
             self._events.append(BadBytes(reception.source, len(data)))
             return None
-        return None if sender == self.me else (sender, message)
+        return None if heard[0] == self.me else heard

@@ -168,9 +168,11 @@ class Searcher(Drains):
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Process a message of a host; ignore those of other searchers."""
         heard = self._radio.receive(data, reception)
-        if heard is None or heard[0] >= self._hosts:
+        if heard is None:
             return
         sender, message = heard
+        if sender >= self._hosts:
+            return
         if sender == self.membership.host:
             self._receive_from_host(message, now)
         match message:

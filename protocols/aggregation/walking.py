@@ -67,6 +67,8 @@ _SIDE_M: Final = 0.2
 """Room beside the way, in addition to a touch and the safety distance, within which a body is in the way."""
 _THERE_M: Final = 0.05
 """Distance within which a place of a script is reached."""
+_UNSEEN: Final = (math.inf, math.inf), 0
+"""Place and tick of a robot that has not been near yet."""
 _KEPT_M: Final = 1.0
 """How much farther off than near robots may be that are kept, see ``Near``."""
 _ROAM_M: Final = 0.99 * _KEPT_M
@@ -397,7 +399,7 @@ class Near:
         self._kept_m = near_m + _KEPT_M
         self._picture: Picture | None = None
         self._kept: list[tuple[Sighting, Point]] = []
-        """Those on *_picture* that are near for a robot within ``_KEPT_M`` of where it looked through all, with where."""
+        """Those on *_picture* that are near within ``_KEPT_M`` of where the robot looked it through, and where they are."""
         self._looked_m: Point = (math.inf, math.inf)
         self._here: Point = (math.inf, math.inf)
         self._near: list[Sighting] = []
@@ -490,18 +492,18 @@ class Evasion:
 
         To be asked at every tick of an evasion. The same robot is not reported again for a while.
         """
-        found = None
+        found, least_m = None, math.inf
         for number, x, y in self._near:
-            if math.dist(self.goal_m, (x, y)) < self._contact_m:
+            body = x, y
+            if math.dist(self.goal_m, body) < self._contact_m:
                 continue
-            distance = math.dist(here, (x, y))
-            before, since = self._seen.get(number, ((math.inf, 0.0), 0))
-            if math.dist(before, (x, y)) > _MOVED_M:
-                self._seen[number] = (x, y), ticks
-                continue
-            nearer = found is None or distance < math.dist(here, found)
-            if nearer and ticks - since >= self._standing_ticks and in_the_way(here, place, (x, y), self._room_m):
-                found = x, y
+            before, since = self._seen.get(number, _UNSEEN)
+            if math.dist(before, body) > _MOVED_M:
+                self._seen[number] = body, ticks
+            elif ticks - since >= self._standing_ticks:
+                distance_m = math.dist(here, body)
+                if distance_m < least_m and in_the_way(here, place, body, self._room_m):
+                    found, least_m = body, distance_m
         if found is None or ticks - self._tried_at < _TRY_TICKS:
             return None
         self._tried_at = ticks
