@@ -399,7 +399,7 @@ class Near:
         self._kept_m = near_m + _KEPT_M
         self._picture: Picture | None = None
         self._kept: list[tuple[Sighting, Point]] = []
-        """Those on *_picture* that are near within ``_KEPT_M`` of where the robot looked it through, and where they are."""
+        """Those on *_picture* that are near within ``_KEPT_M`` of where it was looked through, and where they are."""
         self._looked_m: Point = (math.inf, math.inf)
         self._here: Point = (math.inf, math.inf)
         self._near: list[Sighting] = []
