@@ -4,6 +4,7 @@ Most machines look at few of the pictures that they are handed, many at none. Er
 it does not matter when, or if, a picture is made.
 """
 
+import math
 from collections.abc import Collection, Sequence
 from functools import cached_property
 from itertools import pairwise, repeat
@@ -14,11 +15,13 @@ import numpy as np
 from cosim.arrays import Floats, Int64s
 from cosim.geometry.segments import PackedWalls
 from cosim.observation import Sighting
-from cosim.robots.sense_kernels import BLIND, OWN_X, OWN_Y, Room, see
+from cosim.robots.sense_kernels import BLIND, DISTANCE_ERROR, OWN_X, OWN_Y, RANGE, Room, see
 from cosim.world.sight import lines_of_sight, seen_by_each
 
 _IN_SIGHT: Final = 128
 """Number of others in sight of each robot for which there is room at first."""
+_ROUNDING_M: Final = 1e-6
+"""More than rounding makes of distances on any floor, metres."""
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
@@ -61,6 +64,17 @@ def pictures(team: TeamPicture, size: int) -> list[OnePicture]:
     return list(map(_new, repeat(OnePicture), zip(repeat(team), range(size))))  # without a loop in Python
 
 
+class _Look(NamedTuple):
+    """Who is seen, robot by robot."""
+
+    ends: list[int]
+    """Where the share of each robot begins, or that of the one before ends."""
+    others: Int64s
+    """Shape (k,)."""
+    places: Floats
+    """Where they are, shape (2, k)."""
+
+
 class Cameras:
     """What the robots' cameras see, with their errors, each in its own frame."""
 
@@ -70,6 +84,8 @@ class Cameras:
         self._poses = poses.copy()
         self._room: Room = self._poses, limits, numbers, members
         self._tick = tick
+        self._looks: dict[float, _Look] = {}
+        """Who is seen, by the range of sight."""
         self._sightings: dict[int, tuple[Sighting, ...]] = {}
         """What robots have asked for."""
         self._about: dict[float, list[list[Sighting]]] = {}
@@ -81,37 +97,50 @@ class Cameras:
         other._poses[robot, BLIND] = 1.0
         return other
 
-    @cached_property
-    def _found(self) -> tuple[list[int], Int64s, Floats]:
-        """All that are seen, robot by robot: where the share of each begins or ends, who (k,), and where (2, k)."""
+    def _within(self, reach_m: float) -> _Look:
+        """Return who is seen nearer than *reach_m*, by what the robots measure, and some beyond."""
+        poses, limits, numbers, members = self._room
+        most_m = limits[RANGE]
+        if reach_m < most_m:  # in whole metres, so that there are few looks
+            most_m = min(math.ceil((reach_m + _ROUNDING_M) / (1.0 - limits[DISTANCE_ERROR])), most_m)
+        for range_m, look in self._looks.items():
+            if range_m >= most_m:
+                return look
+        limits = limits.copy()
+        limits[RANGE] = most_m
+        look = self._looks[most_m] = self._look((poses, limits, numbers, members))
+        return look
+
+    def _look(self, room: Room) -> _Look:
         count = len(self._poses)
-        ends, room = np.empty(count + 1, np.int64), min(count, _IN_SIGHT) * count
+        ends, most = np.empty(count + 1, np.int64), min(count, _IN_SIGHT) * count
         while True:
-            others, places = np.empty(room, np.int64), np.empty((2, room))
-            seen = see(*self._room, self._tick, ends, others, places)
-            if seen <= room:
-                return ends.tolist(), others, places
-            room = seen
+            others, places = np.empty(most, np.int64), np.empty((2, most))
+            seen = see(*room, self._tick, ends, others, places)
+            if seen <= most:
+                return _Look(ends.tolist(), others, places)
+            most = seen
 
     def visible(self, robot: int) -> tuple[int, ...]:
         """Return whom *robot* sees."""
-        ends, others, _ = self._found
+        ends, others, _ = self._within(math.inf)
         return tuple(others[ends[robot] : ends[robot + 1]].tolist())
 
     def sightings(self, robot: int) -> tuple[Sighting, ...]:
         """Return whom *robot* sees, and where: the same object whenever it is asked."""
         seen = self._sightings.get(robot)
         if seen is None:
-            ends, others, places = self._found
+            ends, others, places = self._within(math.inf)
             share = slice(ends[robot], ends[robot + 1])
             seen = self._sightings[robot] = tuple(_sightings(others[share], places[:, share]))
         return seen
 
     def around(self, robot: int, x_m: float, y_m: float, reach_m: float) -> list[Sighting]:
         """Return those whom *robot* sees nearer than *reach_m* to a place: of the others nothing is made."""
-        if self._poses[robot, OWN_X] == x_m and self._poses[robot, OWN_Y] == y_m:
+        gone_m = math.dist((x_m, y_m), self._poses[robot, OWN_X : OWN_Y + 1].tolist())
+        if gone_m == 0.0:
             return self._around_all(reach_m)[robot]  # at the tick of the picture, as most robots ask: all at once
-        ends, others, places = self._found
+        ends, others, places = self._within(gone_m + reach_m)
         share = slice(ends[robot], ends[robot + 1])
         dx, dy = places[0, share] - x_m, places[1, share] - y_m
         near = np.flatnonzero(dx * dx + dy * dy < reach_m * reach_m) + ends[robot]
@@ -121,7 +150,7 @@ class Cameras:
         """Return whom each robot sees nearer than *reach_m* to where it is: what ``around`` returns there."""
         about = self._about.get(reach_m)
         if about is None:
-            ends, others, places = self._found
+            ends, others, places = self._within(reach_m)
             here = np.repeat(self._poses[:, OWN_X : OWN_Y + 1].T, np.diff(ends), axis=1)
             dx, dy = places[:, : ends[-1]] - here
             near = np.flatnonzero(dx * dx + dy * dy < reach_m * reach_m)

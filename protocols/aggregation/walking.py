@@ -656,10 +656,12 @@ def retreat(ground: Ground, here: Point, other: Point) -> Point | None:
 
 def in_the_way(here: Point, place: Point, body: Point, room_m: float) -> bool:
     """Return whether a *body* is nearer than *room_m* to the way from *here* to *place*, and not behind."""
-    dx, dy = place[0] - here[0], place[1] - here[1]
-    if (body[0] - here[0]) * dx + (body[1] - here[1]) * dy <= 0.0:
+    dx, dy, px, py = place[0] - here[0], place[1] - here[1], body[0] - here[0], body[1] - here[1]
+    along, square = px * dx + py * dy, dx * dx + dy * dy
+    if along <= 0.0:
         return False
-    return off_m(body, here, place) < room_m
+    share = along / square if along < square else 1.0
+    return math.hypot(px - share * dx, py - share * dy) < room_m  # off_m, without asking again what is known
 
 
 # ---------------------------------------------------------------- without a map
