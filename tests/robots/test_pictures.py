@@ -197,6 +197,21 @@ def test_what_is_asked_never_or_late_changes_nothing(seed: int) -> None:
         assert (other.visible, other.sightings) == (visible, sightings)
 
 
+@pytest.mark.parametrize("seed", range(24))
+def test_who_is_near_is_seen_alike_before_all_are_looked_for(seed: int) -> None:
+    scene, other = (Scene(seed, distance_error=[0.0, 0.4][seed % 2], bearing_error=1.0) for _ in range(2))
+    seen = [one.sightings for one in other.senses.observe(other.fleet)]
+    found = 0
+    observations = scene.senses.observe(scene.fleet)
+    for reach_m in (1.0, 3.0, 2.0):
+        for one, sightings in zip(observations, seen, strict=True):
+            for x, y in ((one.x_m, one.y_m), (one.x_m + 1.5, one.y_m - 2.3)):
+                around = list(one.picture.around(x, y, reach_m))
+                assert around == [each for each in sightings if math.dist(each[1:], (x, y)) < reach_m]
+                found += len(around)
+    assert found or scene.count < 40
+
+
 def test_of_many_in_sight_none_is_left_out() -> None:
     """More than there is room for at first."""
     places = [(0.5 * (k % 12), 0.5 * (k // 12)) for k in range(144)]
