@@ -107,6 +107,10 @@ class View:
         """Return the cells in which other robots stand, robots of no team included."""
         return set(self.others()) | self.obstacles
 
+    def standing(self) -> set[Cell]:
+        """Return the cells of all robots whose places are known."""
+        return set(self.cells.values())
+
     def is_covered(self, cell: Cell) -> bool:
         """Return whether *cell* is covered, or will be when the present step is done."""
         return cell in self.covered or cell in self.cells.values()
