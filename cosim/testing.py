@@ -90,7 +90,8 @@ def check_machine(
 
     A team of two or more, which start at *starts_m*, is driven for *duration* with a world tick every *tick*; *seed* is
     that of the random bytes; each robot has so many *radios*. The laws: equal inputs give equal outputs; ``wake_at`` is
-    pure, and in the future after ``wake``; that is idempotent; a queue that was drained is empty; payloads are bytes,
+    pure, and in the future after ``wake``; that is idempotent; a queue that was drained is empty, and so is that of a
+    machine which says that nothing has come of an input; payloads are bytes,
     to robots of the team and by radios that they have, and link commands name robots of the team; events are of the
     types *events*, if they are given; own frames that come back change nothing; a later start makes all deadlines later
     by as much; bytes of any kind never raise, and those that mean nothing become an event; every other input is taken
