@@ -324,10 +324,6 @@ class Air:
         hop: int = basic_hop(piconet[WORD], tick)
         return hop
 
-    def spares(self, start: Time) -> bool:
-        """Return whether a frame that starts at *start* cannot be destroyed where it is noticed."""
-        return self.calm and start >= self.stray
-
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
         """Return the fate of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""
         if carrier_dbm < self.least_dbm:

@@ -305,7 +305,7 @@ class Slots:
             return FAR
         if not tuned:
             return UNTUNED
-        if air.spares(frame.start):
+        if air.calm and frame.start >= air.stray:
             return GOOD
         if payload is None:
             return air.fate(frame, receiver, carrier_dbm, 0, False)
