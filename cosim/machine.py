@@ -316,18 +316,18 @@ class Machine(Protocol):
     def finished(self) -> bool:
         """Nothing more will come from this machine unless it is addressed again."""
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a payload; never raise for bad bytes, they become an event."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
+        """Take a payload; never raise for bad bytes, they become an event.
+
+        A machine may return False if nothing has come of it, neither output nor an earlier deadline: then it is not
+        asked for any. One that does not know returns nothing, and is asked.
+        """
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take news about links and about the fate of payloads."""
 
     def observe(self, observation: Observation, now: Time) -> bool | None:
-        """Take what the robot senses at a world tick.
-
-        A machine may return False if nothing has come of it, neither output nor another deadline: then it is not
-        asked for any.
-        """
+        """Take what the robot senses at a world tick; return False as :meth:`receive` may."""
 
     def wake(self, now: Time) -> None:
         """Act on all deadlines up to *now* (``now >= wake_at()``); idempotent."""

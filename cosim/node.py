@@ -99,6 +99,8 @@ class Node:
         self._channel = channel
         self._trace = trace
         self._timer: Handle | None = None
+        self._stirred: bool | None = None
+        """Whether anything has come of the inputs since the last drain; None if there were none."""
         self._messages_wanted, self._links_wanted = trace.wants(MESSAGES), trace.wants(LINKS)
         self._radios = channel.carried(address)
 
@@ -108,7 +110,7 @@ class Node:
             return
         if self._messages_wanted:
             self._trace.row(MESSAGES, now, self.address, reception.source, reception.broadcast, data.hex())
-        self.machine.receive(data, reception, now)
+        self._stirred = self.machine.receive(data, reception, now) is not False or bool(self._stirred)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Pass news about links to the machine."""
@@ -117,6 +119,7 @@ class Node:
         if self._links_wanted:
             self._trace.row(LINKS, now, self.address, *_told(event))
         self.machine.link(event, now)
+        self._stirred = True
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Pass what the robot senses to the machine, and act on it."""
@@ -128,7 +131,8 @@ class Node:
 
         Raise LocalProtocolError for what nobody could send or carry out.
         """
-        if not self.alive:  # a dead host has inputs like others, but neither takes nor answers them
+        stirred, self._stirred = self._stirred, None
+        if stirred is False or not self.alive:  # a dead host has inputs like others, but neither takes nor answers them
             return
         machine = self.machine
         for event in machine.events():  # first: what the device notes below it comes after it
@@ -294,8 +298,8 @@ class _OtherTime:
     def finished(self) -> bool:
         return self._machine.finished
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        self._machine.receive(data, reception, now + self.offset)
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
+        return self._machine.receive(data, reception, now + self.offset)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         self._machine.link(event, now + self.offset)

@@ -90,7 +90,8 @@ def check_machine(
 
     A team of two or more, which start at *starts_m*, is driven for *duration* with a world tick every *tick*; *seed* is
     that of the random bytes; each robot has so many *radios*. The laws: equal inputs give equal outputs; ``wake_at`` is
-    pure, and in the future after ``wake``; that is idempotent; a queue that was drained is empty; payloads are bytes,
+    pure, and in the future after ``wake``; that is idempotent; a queue that was drained is empty, and so is that of a
+    machine which says that nothing has come of an input; payloads are bytes,
     to robots of the team and by radios that they have, and link commands name robots of the team; events are of the
     types *events*, if they are given; own frames that come back change nothing; a later start makes all deadlines later
     by as much; bytes of any kind never raise, and those that mean nothing become an event; every other input is taken
@@ -127,6 +128,8 @@ class _Watched:
         self._echo = echo
         self._returning: list[Outgoing] = []
         self._full = set(QUEUES)
+        self._idle = False
+        """True if the machine says that nothing has come of what it was told since it was drained."""
 
     @property
     def finished(self) -> bool:
@@ -138,19 +141,23 @@ class _Watched:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         self._begin(now)
-        self.machine.receive(data, reception, now)
+        before = self.machine.wake_at()
+        self._check(self.machine.receive(data, reception, now), before)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         self._begin(now)
         self.machine.link(event, now)
+        self._idle = False
 
     def observe(self, observation: Observation, now: Time) -> None:
         self._begin(now)
-        self.machine.observe(observation, now)
+        before = self.machine.wake_at()
+        self._check(self.machine.observe(observation, now), before)
 
     def wake(self, now: Time) -> None:
         self._begin(now)
         self.machine.wake(now)
+        self._idle = False
         deadline = self.machine.wake_at()
         if deadline is not None and deadline <= now:
             raise LawError(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")
@@ -181,14 +188,25 @@ class _Watched:
         return self.events()
 
     def _begin(self, now: Time) -> None:
+        if not self._full:
+            self._idle = True
         self.now = now
         self._full = set(QUEUES)
+
+    def _check(self, came: bool | None, before: Time | None) -> None:
+        """Check a machine that says that nothing has come of an input; its earliest deadline *before* is given."""
+        self._idle = self._idle and came is False
+        after = self.machine.wake_at()
+        if came is False and after is not None and (before is None or after < before):
+            raise LawError(f"machine {self.address}: nothing came of an input, but wake_at() was {before}, now {after}")
 
     def _drain(self, name: str, queue: Callable[[], list[Any]]) -> list[Any]:
         items = list(queue())
         again = queue()
         if again:
             raise LawError(f"machine {self.address}: {name}() drained twice yields {again[0]!r}")
+        if items and self._idle:
+            raise LawError(f"machine {self.address}: nothing came of its input, but {name}() is {items[0]!r}")
         self._note(name, items)
         self._note("finished", self.finished)
         for item in items:

@@ -143,6 +143,54 @@ def bench() -> Bench:
     return Bench()
 
 
+# ---------------------------------------------------------------- inputs that nothing comes of
+
+
+class Taciturn(Puppet):
+    """Says of each payload whether anything comes of it; of what it observes nothing does."""
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
+        super().receive(data, reception, now)
+        return {b"nothing": False, b"something": True}.get(data)
+
+    def observe(self, observation: Observation, now: Time) -> bool:
+        super().observe(observation, now)
+        return False
+
+
+@pytest.mark.parametrize("ahead", [0, S])
+@pytest.mark.parametrize(
+    ("payloads", "drains"),
+    [
+        ([b"nothing"], 0),
+        ([b"nothing", b"nothing"], 0),
+        ([b"something"], 1),
+        ([b"who knows"], 1),
+        ([b"something", b"nothing"], 1),
+        ([b"nothing", b"who knows"], 1),
+    ],
+)
+def test_a_machine_is_drained_unless_it_says_that_nothing_came_of_all_inputs(
+    bench: Bench, payloads: list[bytes], drains: int, ahead: Time
+) -> None:
+    machine = bench.node.machine = Taciturn()
+    bench.node.step_clock(ahead, 0)
+    bench.wire.deliver([(0, payload, Reception(1, False)) for payload in payloads])
+    bench.node.observe(OBSERVATION, 0)
+    assert len(machine.inputs) == len(payloads) + 1
+    assert machine.drains == drains
+
+
+def test_a_machine_that_said_nothing_is_drained_after_news_and_when_asked(bench: Bench) -> None:
+    machine = bench.node.machine = Taciturn()
+    bench.wire.deliver([(0, b"nothing", Reception(1, False))], [(0, Lost(1))])
+    assert machine.drains == 1
+    bench.wire.deliver([(0, b"nothing", Reception(1, False))])
+    assert machine.drains == 1
+    bench.node.drain(0)
+    assert machine.drains == 2
+
+
 # ---------------------------------------------------------------- what nobody could send
 
 

@@ -305,9 +305,42 @@ class RaisesInAnOrdinaryRun(Beacon):
             raise LocalProtocolError("off the track")
 
 
+class SaysWhenNothingComesOfAnInput(Beacon):
+    """Hears frames, and observes, without a word to its node where that leaves nothing."""
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        rows = len(self.rows)
+        super().receive(data, reception, now)
+        return len(self.rows) > rows
+
+    def observe(self, observation: Observation, now: Time) -> bool:
+        moves = len(self.motion)
+        super().observe(observation, now)
+        return len(self.motion) > moves
+
+
+class DeniesAnEvent(Beacon):
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        super().receive(data, reception, now)
+        return False
+
+
+class DeniesACommand(Beacon):
+    def observe(self, observation: Observation, now: Time) -> bool:
+        super().observe(observation, now)
+        return False
+
+
+class DeniesADeadline(SaysWhenNothingComesOfAnInput):
+    def observe(self, observation: Observation, now: Time) -> bool:
+        self.deadline -= 1 if now > S else 0
+        return super().observe(observation, now)
+
+
 @pytest.mark.slow
-def test_a_machine_that_keeps_the_laws_passes():
-    check_machine(Beacon)
+@pytest.mark.parametrize("kept", [Beacon, SaysWhenNothingComesOfAnInput])
+def test_a_machine_that_keeps_the_laws_passes(kept: Any):
+    check_machine(kept)
 
 
 @pytest.mark.slow
@@ -343,6 +376,9 @@ def test_a_machine_that_keeps_the_laws_passes():
         (SendsByARadioThatItHasNot, r"outbox\(\): Outgoing.*has no radio 1"),
         (PagesAStranger, r"outbox\(\): Page.*99 is no robot"),
         (RaisesInAnOrdinaryRun, "a drive as in a run raised LocalProtocolError"),
+        (DeniesAnEvent, r"nothing came of its input, but events\(\) is Heard"),
+        (DeniesACommand, r"nothing came of its input, but commands\(\) is GoTo"),
+        (DeniesADeadline, r"nothing came of an input, but wake_at\(\) was \d+, now"),
     ],
 )
 def test_a_machine_that_breaks_a_law_is_told_which(broken: Any, law: str):

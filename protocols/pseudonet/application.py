@@ -378,10 +378,11 @@ class Application:
             self._load(now)
 
     def _evaluate(self) -> None:
-        self.events.call(0, "application", "move_next_step", f"step {self.steps + 1}")
-        self.events.call(1, "coordination", "localize", self._setup.place(self._cell()))
         evaluation = self.coordination.evaluate_actions()
-        self.events.call(1, "coordination", "evaluate_actions", evaluation)
+        if self.events.calls:
+            self.events.call(0, "application", "move_next_step", f"step {self.steps + 1}")
+            self.events.call(1, "coordination", "localize", self._setup.place(self._cell()))
+            self.events.call(1, "coordination", "evaluate_actions", evaluation)
         self._speak(Stance.PROPOSE)
 
     def _decide(self, messages: Mapping[Address, Message], now: Time) -> None:
@@ -456,14 +457,15 @@ class Application:
             return
         message = self._next_message(self.broadcast.exchange)
         self.events.note(MessageSent(message.kind.name.lower()))
-        self.events.call(1, "coordination", "communicate")
-        self.events.call(2, "messaging", message.kind.name.lower(), message)
-        self.events.call(3, "broadcast", "find_master", self.broadcast.find_master())
-        if self.broadcast.leads():
-            self.events.call(3, "broadcast", "broadcast_to_robots", f"exchange {message.exchange}")
+        leads = self.broadcast.leads()
+        if self.events.calls:
+            self.events.call(1, "coordination", "communicate")
+            self.events.call(2, "messaging", message.kind.name.lower(), message)
+            self.events.call(3, "broadcast", "find_master", self.broadcast.find_master())
+            service = "broadcast_to_robots" if leads else "send_to_master"
+            self.events.call(3, "broadcast", service, f"exchange {message.exchange}")
+        if leads:
             self.counters.began(now)
-        else:
-            self.events.call(3, "broadcast", "send_to_master", f"exchange {message.exchange}")
         self.broadcast.load(message, now)
 
     def _next_message(self, exchange: int) -> Message:

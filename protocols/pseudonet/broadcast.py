@@ -308,14 +308,14 @@ class Broadcast:
         if missing:
             self._send_to_master(encode(Missing(self.me, self.exchange, missing)))
 
-    def _receive_as_slave(self, packet: Packet, reception: Reception, now: Time) -> None:
+    def _receive_as_slave(self, packet: Packet, reception: Reception, now: Time) -> bool:
         if self.master is None and isinstance(packet, Sync) and packet.roll_call:
             self._enlist(packet, reception.source, now)
         if reception.source != self.master:
-            return
+            return True
         match packet:
             case Message(addressee=None):
-                self._hear(packet, now)
+                return self._hear(packet, now)
             case Message(kind=Kind.ANSWER, addressee=addressee):
                 if addressee == self.me:
                     self._upcall(Answered(packet), now)
@@ -323,6 +323,7 @@ class Broadcast:
                 self._synchronise(packet, now)
             case Acknowledgement(negative=True) if self._last is not None:
                 self._send_to_master(self._last)
+        return True
 
     def _enlist(self, sync: Sync, master: Address, now: Time) -> None:
         """Process the first roll call of a team."""
@@ -351,36 +352,39 @@ class Broadcast:
         self._roll_call = True
         self._upcall(TeamChanged(sync.members), now)
 
-    def _hear(self, message: Message, now: Time) -> None:
+    def _hear(self, message: Message, now: Time) -> bool:
+        """Process a message of another robot; return False if it has only been kept."""
         if message.source not in self.members:
-            return
+            return True
         ahead = ahead_of(self.exchange, message.exchange)
         if ahead == 0:
+            waits = self._submitted and self._repair_at is not None
             self._heard.setdefault(message.source, message)
             self._repair_at = now + self._repair
             self._asked = False
             if not self._submitted:
                 self._upcall(MessageWanted(), now)
-            self._complete(now)
-        elif ahead == 1:
+            return self._complete(now) or not waits
+        if ahead == 1:
             self._early.setdefault(message.source, message)
             self._ask_once(now)
+        return True
 
     # ------------------------------------------------------------ both
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Process received bytes."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Process received bytes; return False if nothing has come of them but a later deadline."""
         try:
             packet = decode(data)
         except WireError as error:
             self._refuse(str(error), reception, now)
-            return
+            return True
         if packet.source == self.me:
-            return  # a piconet's broadcasts return to their author
+            return True  # a piconet's broadcasts return to their author
         if self.leads():
             self._receive_as_master(packet, data, reception, now)
-        else:
-            self._receive_as_slave(packet, reception, now)
+            return True
+        return self._receive_as_slave(packet, reception, now)
 
     def overhear(self, data: bytes, now: Time) -> None:
         """Process bytes of a robot without a link to this one: they matter only if they are no packet."""
@@ -398,9 +402,10 @@ class Broadcast:
         self._repair_at = None
         self._asked = False
 
-    def _complete(self, now: Time) -> None:
+    def _complete(self, now: Time) -> bool:
+        """End the exchange if all messages of it are there; return whether they are."""
         if len(self._heard) < len(self.members):
-            return
+            return False
         messages = {member: self._heard[member] for member in self.members}
         roll_call = self._roll_call
         early = self._early
@@ -412,3 +417,4 @@ class Broadcast:
         if not self.leads():
             for message in early.values():
                 self._hear(message, now)
+        return True

@@ -173,18 +173,18 @@ class Coordination:
 
     def take_positions(self, messages: Mapping[Address, Message]) -> None:
         """Take over the places of all robots; a cell is covered once its robot has reported from it at rest."""
-        setup, view = self._setup, self.view
+        setup, view, wall, stop, plans = self._setup, self.view, Verdict.WALL, Kind.STOP, (Kind.ROLL, Kind.MAP)
         for robot, message in messages.items():
             cell = setup.cell(message.x, message.y)
             if cell is None or cell not in setup.cells:
                 continue  # no robot can be there: a peer's fault, not ours
             if robot != view.me:  # I know better: I may have turned back since
                 view.cells[robot] = cell
-            if message.kind == Kind.STOP:
+            if message.kind == stop:
                 self._stopped.add(robot)
-            elif message.kind in (Kind.ROLL, Kind.MAP):
+            elif message.kind in plans:
                 self.plan_due = True
-            if Verdict.WALL in message.verdicts:
+            if wall in message.verdicts:
                 self._go_around(robot, cell, message)
             if not message.busy:
                 if cell in view.obstacles:

@@ -65,7 +65,8 @@ class Events:
     """The events of one machine until they are drained."""
 
     def __init__(self, calls: bool) -> None:
-        self._calls = calls
+        self.calls = calls
+        """True if calls are wanted."""
         self._events: list[Event] = []
 
     def note(self, event: Event) -> None:
@@ -74,7 +75,7 @@ class Events:
 
     def call(self, depth: int, layer: str, name: str, detail: object = "") -> None:
         """Add a call to *layer*, if calls are wanted."""
-        if self._calls:
+        if self.calls:
             self._events.append(Call(depth, layer, name, str(detail)))
 
     def drain(self) -> list[Event]:

@@ -75,14 +75,16 @@ class Pseudonet:
 
     # ------------------------------------------------------------ inputs
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         """Process a payload; those of robots without a link to this one are not for it."""
         if reception.source in self.bluetooth.links:
             self._silent_at = now + self._silence
-            self.application.broadcast.receive(data, reception, now)
+            if not self.application.broadcast.receive(data, reception, now):
+                return False
         elif reception.source != self.me:
             self.application.broadcast.overhear(data, now)
         self._follow(now)
+        return True
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Process a link event."""

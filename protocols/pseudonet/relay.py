@@ -231,13 +231,13 @@ class Relay:
 
     # ------------------------------------------------------------ what comes in
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Process bytes of a neighbour."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Process bytes of a neighbour; return True, as something may have come of them."""
         try:
             packet = decode(data, self.registry.directory)
         except WireError as error:
             self._upcall(Garbage(str(error)), now)
-            return
+            return True
         match packet:
             case Assignment() | Welcome():
                 self._instruct(packet, reception.source, now)
@@ -248,6 +248,7 @@ class Relay:
                 self._upcall(Broken(dead), now)
             case Message() | Missing():
                 self._receive_from_member(packet, data, reception.source, now)
+        return True
 
     def overhear(self, data: bytes, now: Time) -> None:
         """Process bytes of a robot without a link to this one: they matter only if they are no packet."""

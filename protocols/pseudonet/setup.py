@@ -7,6 +7,7 @@ because it never changes; ``View`` is the latter, one for each robot.
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, TypeVar
 
@@ -34,6 +35,7 @@ class Setup:
         self.cells: frozenset[Cell] = frozenset(np.flatnonzero(grid.reachable).tolist())
         self._around: tuple[frozenset[Cell], CoverageGrid] = (frozenset(), grid)
         self._plans: dict[Hashable, Any] = {}
+        self._last: tuple[tuple[Any, ...], Any] | None = None
         self._distances: OrderedDict[tuple[Cell, frozenset[Cell]], Distances] = OrderedDict()
 
     def distances(self, goal: Cell, obstacles: frozenset[Cell]) -> Distances:
@@ -65,6 +67,16 @@ class Setup:
             self._plans[key] = compute()
         plan: T = self._plans[key]
         return plan
+
+    def again(self, known: tuple[Any, ...], compute: Callable[[], T]) -> T:
+        """Return ``compute()``, computed for the first machine that asks with this, of as many that do in succession.
+
+        For the same functions as :meth:`once`; *known* may grow without end: none but the last is kept.
+        """
+        if self._last is None or self._last[0] != known:
+            self._last = tuple(map(copy, known)), compute()
+        result: T = self._last[1]
+        return result
 
     def place(self, cell: Cell) -> tuple[int, int]:
         """Return column and row of *cell*, as in messages."""
@@ -106,6 +118,10 @@ class View:
     def occupied(self) -> set[Cell]:
         """Return the cells in which other robots stand, robots of no team included."""
         return set(self.others()) | self.obstacles
+
+    def standing(self) -> set[Cell]:
+        """Return the cells of all robots whose places are known."""
+        return set(self.cells.values())
 
     def is_covered(self, cell: Cell) -> bool:
         """Return whether *cell* is covered, or will be when the present step is done."""

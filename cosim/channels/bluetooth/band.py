@@ -125,6 +125,24 @@ def _assess(band: Band, adapted: Adapted | None, p: int, well: bool) -> None:
 
 
 @njit(cache=True, borrows=True)
+def senders(piconets: Int64s, links: Int64s) -> tuple[int, int]:
+    """Return how many piconets send anything, and the master of the only one; -1 if there are others or none.
+
+    An idle pair under way outlives the pause, and the last link, of its piconet: that has ended, but still sends.
+    """
+    count, master = 0, -1
+    for p in range(len(piconets)):
+        held = False
+        for k in range(1, MOST_SLAVES + 1):
+            held |= links[p, HELD, k] != 0
+        if held and piconets[p, RUNNING]:
+            count, master = count + 1, p
+        elif piconets[p, STAGE]:
+            count += 1
+    return count, master if count == 1 else -1
+
+
+@njit(cache=True, borrows=True)
 def _next_event(piconet: State, links: State) -> int:
     """Return twice the time at which something happens next in a piconet without payloads; plus 1 if a slot begins."""
     if piconet[STAGE]:

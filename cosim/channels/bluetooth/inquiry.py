@@ -270,7 +270,7 @@ class Inquiry:
         self._on_complete = on_complete
         self._over = False
         self._over_since: Time = FOREVER
-        self._unsettled: list[_Reply] = []  # on the air, not yet known whether the receiver locks on them
+        self._unsettled: list[_Reply] = []  # begun in this order, not yet known whether the receiver locks on them
         self._locked: _Reply | None = None
         # the answer to the last ID ends within the tick after the last receive slot
         self._end = kernel.at(clock.time_of(self.ids.end + 1), self._complete)
@@ -302,13 +302,11 @@ class Inquiry:
 
     def _settle(self) -> None:
         """Decide on the replies whose access code is over whether the receiver locks on them."""
-        if not self._unsettled:
+        unsettled, begun = self._unsettled, self._kernel.now - ID_AIR
+        if not unsettled or unsettled[0].frame.start > begun:
             return
-        begun = self._kernel.now - ID_AIR
-        ready = [reply for reply in self._unsettled if reply.frame.start <= begun]
-        if not ready:
-            return
-        self._unsettled = [reply for reply in self._unsettled if reply.frame.start > begun]
+        ready = [reply for reply in unsettled if reply.frame.start <= begun]
+        del unsettled[: len(ready)]
         for reply in sorted(ready, key=_order):
             reply.lost = self._hindrance(reply)
             if reply.lost is None:
@@ -323,7 +321,7 @@ class Inquiry:
             return UNTUNED
         if self._locked is not None and frame.start < self._locked.end:
             return TAKEN
-        fate = self._air.judge(Frame(frame.start, ID_AIR, *frame[2:]), self.address, reply.carrier_dbm)
+        fate = self._air.judge_id(frame, self.address, reply.carrier_dbm)
         return None if fate is GOOD else fate
 
     def _judge(self, reply: _Reply) -> None:

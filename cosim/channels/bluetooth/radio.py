@@ -25,12 +25,10 @@ from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import (
-    HELD,
     PAIR_LINK,
     PAIR_TICK,
     PHASE,
     PPM,
-    RUNNING,
     SLAVE,
     STAGE,
     USED,
@@ -251,14 +249,9 @@ class Air:
 
     def changed(self, now: Time) -> None:
         """Note that devices have begun or ended to send or to listen; all piconets must be advanced to *now* before."""
-        piconets, links = self.band.piconets, self.band.links
-        sends = (piconets[:, RUNNING] > 0) & np.logical_or.reduce(links[:, HELD], axis=1)
-        # a pair under way outlives the pause, and the last link, of its piconet
-        ending = (piconets[:, STAGE] > 0) & ~sends
         self._disturb()
-        masters = sends.nonzero()[0].tolist()
-        self._running = len(masters) + int(np.count_nonzero(ending))
-        self._settle(masters[0] if len(masters) == self._running == 1 else None, now)
+        self._running, master = bands.senders(self.band.piconets, self.band.links)
+        self._settle(master if master >= 0 else None, now)
 
     def _trains_changed(self, now: Time) -> None:
         """Note that a train has begun or is forgotten."""
@@ -331,17 +324,13 @@ class Air:
         hop: int = basic_hop(piconet[WORD], tick)
         return hop
 
-    def spares(self, start: Time) -> bool:
-        """Return whether a frame that starts at *start* cannot be destroyed where it is noticed."""
-        return self.calm and start >= self.stray
-
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
         """Return the fate of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""
         if carrier_dbm < self.least_dbm:
             return FAR
         if self.calm and frame.start >= self.stray:
             return GOOD
-        return self._sections(frame, receiver, carrier_dbm, bits, coded, ACCESS_CODE)
+        return self._sections(frame, receiver, carrier_dbm, bits, coded, ACCESS_CODE, frame.duration)
 
     # ------------------------------------------------------------ frames of inquiries and pages
 
@@ -360,16 +349,25 @@ class Air:
         """
         if carrier_dbm < self.least_dbm:
             return FAR
-        return self._sections(frame, receiver, carrier_dbm, bits, True, first)
+        return self._sections(frame, receiver, carrier_dbm, bits, True, first, frame.duration)
+
+    def judge_id(self, frame: Frame, receiver: Address, carrier_dbm: float) -> Fate:
+        """Return the fate at *receiver* of what *frame* begins with, as long as an ID, at the end of that."""
+        if carrier_dbm < self.least_dbm:
+            return FAR
+        return self._sections(frame, receiver, carrier_dbm, 0, True, ACCESS_CODE, ID_AIR)
 
     def _sections(
-        self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool, first: int
+        self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool, first: int, duration: Time
     ) -> Fate:
-        start, end = frame.start, frame.start + frame.duration
+        start, end = frame.start, frame.start + duration
         self.advance(end)
         if self._undisturbed(frame.source, receiver, start, end):
             noise = self.noise
-            return GOOD if noise is None else _by_noise(noise, frame, receiver, carrier_dbm, bits, coded, first)
+            if noise is None:
+                return GOOD
+            lost: int = mediums.broken(noise, frame.source, receiver, start, carrier_dbm, bits, coded)
+            return GOOD if lost < first or (lost > ACCESS_CODE and duration <= ID_AIR) else FATES[BIT_ERRORS + lost]
         self._put_sent()
         fate: int = mediums.judge(
             self.medium,
@@ -453,16 +451,6 @@ class Air:
         self._trains = trains
         self._silences = records["silent_since"], records["silent_until"]
         self._closing = min((train.end for train in trains), default=FOREVER) + 2 * LONGEST_FRAME
-
-
-def _by_noise(
-    noise: Noise, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool, first: int
-) -> Fate:
-    """Return the fate of *frame* if nothing else is sent."""
-    lost: int = mediums.broken(noise, frame.source, receiver, frame.start, carrier_dbm, bits, coded)
-    if lost < first or (lost > ACCESS_CODE and frame.duration <= ID_AIR):
-        return GOOD
-    return FATES[BIT_ERRORS + lost]
 
 
 @dataclass(slots=True)

@@ -59,7 +59,7 @@ class Schedule:
 
     def choose(self, tick: int) -> Turn | None:
         """Return what is sent in the TX slot *tick*, which is not decided yet, or None."""
-        payload = self._first(tick, self._unasked())
+        payload = self._ready(tick)
         if tick >= self._piconet[BEACON] and self._next_beacon(tick) == tick:
             return Turn(EVERYONE, payload if payload is not None and payload.lt_addr == EVERYONE else None)
         k = polling.overdue(self._piconet, self._table, tick)
@@ -74,6 +74,13 @@ class Schedule:
         if k == NOTHING:
             return None
         return Turn(k, self._first(tick, (payload for payload in self._sendable() if payload.lt_addr == k)))
+
+    def _ready(self, tick: int) -> Payload | None:
+        """Return the payload that is sent at *tick* if the slot is free, whichever link has the turn."""
+        if self._piconet[SHARED] or self._piconet[SCHEDULER] != LAZY:
+            return self._first(tick, self._unasked())
+        head = self._queues.head(EVERYONE)
+        return None if head is None or self._opening(self.sized(head), tick) != tick else head
 
     def _first(self, tick: int, payloads: Iterator[Payload]) -> Payload | None:
         """Return the first of *payloads* that can be sent at *tick*."""
@@ -92,9 +99,6 @@ class Schedule:
     def _unasked(self) -> Iterator[Payload]:
         """Return the payloads that are sent as soon as a slot is free, whichever link has the turn."""
         lazy = self._piconet[SCHEDULER] == LAZY
-        if lazy and not self._piconet[SHARED]:
-            head = self._queues.head(EVERYONE)
-            return self._sized(iter(() if head is None else (head,)))
         return (payload for payload in self._sendable() if lazy or payload.lt_addr == EVERYONE)
 
     def _sendable(self) -> Iterator[Payload]:

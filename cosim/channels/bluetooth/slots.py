@@ -158,7 +158,7 @@ class Slots:
         if question is not None and fate.heard is Heard.RECEIVED:
             pair.taken = True
             if polling.take_down_link(links.table, k):
-                arrivals = self._received(pair.slave, question, self.address, pair.down_dbm)
+                self._receive(arrivals, pair.slave, question, self.address, pair.down_dbm)
         pair.whole = question is None or fate.heard in (Heard.RECEIVED, Heard.REFUSED)
         links.table[FULL_UNTIL, k] = self._full_until(pair.slave, self.address)
         self._answer(pair)
@@ -202,7 +202,7 @@ class Slots:
             events = pair.question.fate(self.address, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if answer is not None and fate.heard is Heard.RECEIVED and polling.take_up_link(links.table, k):
-            arrivals = self._received(self.address, answer, pair.slave, pair.up_dbm)
+            self._receive(arrivals, self.address, answer, pair.slave, pair.up_dbm)
         self.arm()
         if arrivals or events:
             self._deliver(arrivals, events)
@@ -260,7 +260,7 @@ class Slots:
                 self._air.record(frame._replace(destination=slave), fate)
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
-                arrivals += self._received(slave, payload, self.address, carriers[k], True)
+                self._receive(arrivals, slave, payload, self.address, carriers[k], True)
             if not fate.header_heard:
                 continue
             if parked is None:
@@ -305,7 +305,7 @@ class Slots:
             return FAR
         if not tuned:
             return UNTUNED
-        if air.spares(frame.start):
+        if air.calm and frame.start >= air.stray:
             return GOOD
         if payload is None:
             return air.fate(frame, receiver, carrier_dbm, 0, False)
@@ -316,16 +316,22 @@ class Slots:
         if self.links.piconet[USED]:
             self._air.adapt().tallies[self.address, 0 if well else 1, frame.channel] += 1
 
-    def _received(
-        self, receiver: Address, payload: Payload, source: Address, carrier_dbm: float, broadcast: bool = False
-    ) -> list[Arrival]:
-        """Return what reaches the host at *receiver* now: nothing if *payload* has to wait for the line to it."""
+    def _receive(
+        self,
+        arrivals: list[Arrival],
+        receiver: Address,
+        payload: Payload,
+        source: Address,
+        carrier_dbm: float,
+        broadcast: bool = False,
+    ) -> None:
+        """Add to *arrivals* what reaches the host at *receiver* now, if *payload* need not wait for the line to it."""
         reception = Reception(source, broadcast, carrier_dbm) if self._air.fades else _unfaded(source, broadcast)
         arrival = (receiver, payload.outgoing.payload, reception)
         if self._transport is None:
-            return [arrival]
-        self._transport.take(arrival)
-        return []
+            arrivals.append(arrival)
+        else:
+            self._transport.take(arrival)
 
     def _full_until(self, device: Address, peer: Address) -> Time:
         """Return until when *device* sends STOP (FLOW = 0) to *peer*: 0 if it has room now."""

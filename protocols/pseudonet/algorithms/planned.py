@@ -69,8 +69,8 @@ class Planned:
 
     def evaluate(self, view: View) -> Evaluation:
         """Take this robot's part of the team's next step; stay if another robot has the better claim after all."""
-        action = Action.STAY if view.omitted else joint_step(view, self._tasks(view)).get(view.me, Action.STAY)
-        stop = action == Action.STAY and not self._stopped and self._goal(view, view.me) is None
+        action = Action.STAY if view.omitted else self._team_step(view).get(view.me, Action.STAY)
+        stop = action == Action.STAY and not self._stopped and self._goal(view, view.me, view.standing()) is None
         self._stopped = self._stopped or stop
         return Evaluation(action, judge(view, False, False), Kind.STOP if stop else Kind.STATE)
 
@@ -80,21 +80,33 @@ class Planned:
     def committed(self, action: Action, cell: Cell) -> None:
         """Keep no memory: what is covered is in the view."""
 
-    def _goal(self, view: View, robot: Address) -> Cell | None:
+    def _team_step(self, view: View) -> dict[Address, Action]:
+        """Return the team's next step, which is computed once for all robots that know the same."""
+
+        def compute() -> dict[Address, Action]:
+            return joint_step(view, self._tasks(view))
+
+        if len(view.standing()) < len(view.cells):  # of two in one cell a robot knows whom it has heard of last
+            return compute()
+        return view.setup.again((view.members, view.cells, view.covered, view.obstacles, self._tours), compute)
+
+    def _goal(self, view: View, robot: Address, standing: set[Cell]) -> Cell | None:
+        """Return the first cell of a robot's tour that is not covered, and will not be: robots are *standing* there."""
         tour = self._tours.get(robot, ())
         for index in range(self._next.get(robot, 0), len(tour)):
-            if not view.is_covered(tour[index]):
+            if tour[index] not in view.covered and tour[index] not in standing:
                 return tour[index]
         return None
 
     def _tasks(self, view: View) -> list[Task]:
         tasks = []
+        standing = view.standing()
         for robot in view.members:
             tour = self._tours.get(robot, ())
             index = self._next.get(robot, 0)
             while index < len(tour) and tour[index] in view.covered:
                 self._next[robot] = index = index + 1
-            goal = self._goal(view, robot)
+            goal = self._goal(view, robot, standing)
             if goal is not None:
                 tasks.append(Task(robot, goal, _distance(view, robot, goal)))
         return sorted(tasks, key=lambda task: (task.distance, task.robot))

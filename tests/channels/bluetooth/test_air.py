@@ -288,7 +288,7 @@ def test_the_lock_on_an_fhs_and_its_rest_are_judged_with_the_same_draws():
         frame = scene.put(1, BEGIN + number * MS)
         whole = scene.judge(frame)
         carrier = scene.air.carrier(1, 0)
-        lock = scene.air.judge(frame._replace(duration=ID_AIR), 0, carrier)
+        lock = scene.air.judge_id(frame, 0, carrier)
         rest = scene.air.judge(frame, 0, carrier, 160, HEADER)
         assert (rest if lock == RECEIVED else lock) == whole
         seen.add(whole.part)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from protocols.pseudonet.algorithms import planned
 from protocols.pseudonet.algorithms.planned import Planned, Task, joint_step
 from protocols.pseudonet.messages import Action, Kind
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
@@ -85,6 +86,26 @@ def test_a_chain_of_dormant_robots_gives_way_from_its_far_end() -> None:
     setup, cells = floor("x.abcd")
     view = view_of(setup, 0, {0: cells["a"], 1: cells["b"], 2: cells["c"], 3: cells["d"]})
     assert joint_step(view, [Task(3, cells["x"], 5)]) == {0: Action.WEST}
+
+
+def test_robots_that_know_the_same_get_their_parts_of_one_step_and_others_their_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    setup, cells = floor("..ab..")
+    places = {0: cells["a"], 1: cells["b"]}
+    views = [view_of(setup, me, places) for me in places]
+    algorithms = [Planned(boustrophedon) for _ in views]
+    for algorithm, view in zip(algorithms, views, strict=True):
+        algorithm.enlist(view)
+    steps: list[int] = []
+    monkeypatch.setattr(planned, "joint_step", lambda view, tasks: steps.append(view.me) or joint_step(view, tasks))
+    actions = [algorithm.evaluate(view).action for algorithm, view in zip(algorithms, views, strict=True)]
+    assert actions == [Action.WEST, Action.EAST]
+    assert steps == [0]
+    views[0].covered |= {cells["a"] - 1, cells["a"] - 2}  # in the same set: what was known then is a copy
+    assert algorithms[0].evaluate(views[0]).action == Action.STAY
+    assert algorithms[1].evaluate(views[1]).action == Action.EAST
+    assert steps == [0, 0, 1]
 
 
 def test_who_has_a_task_nearer_to_its_goal_decides_first() -> None:
