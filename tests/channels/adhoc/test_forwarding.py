@@ -94,6 +94,7 @@ def test_who_asks_for_a_failure_only_hears_of_no_acknowledgement(
     heard: list[bool] = []
     kernel = Kernel()
     channel = AdhocChannel(AdhocSettings(range_m=10.0), kernel, Trace(()), 2, Streams(1))
+    monkeypatch.setattr(channel, "received", lambda *heard: None)
     monkeypatch.setattr(channel, "done", lambda address, packet, acknowledged: heard.append(acknowledged))
     channel.moved(np.array([(0.0, 0.0), (5.0 if there else 50.0, 0.0)]))
     kernel.at(0, lambda: channel.transmit(0, Packet(1, b"data", "token", only_failure)))
