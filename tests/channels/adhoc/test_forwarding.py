@@ -1,7 +1,9 @@
 """Routers between hosts and stations: what a station has no room for, and what is counted in several lives."""
 
+import numpy as np
 import pytest
 
+from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
@@ -9,10 +11,11 @@ from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.routing.flooding import FloodingSettings
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, decode
 from cosim.channels.adhoc.routing.olsr import OlsrSettings
-from cosim.channels.adhoc.settings import RoutingSettings
+from cosim.channels.adhoc.settings import AdhocSettings, RoutingSettings
 from cosim.kernel import Kernel
 from cosim.machine import Address, Outcome, Outgoing
-from cosim.randomness import Draws
+from cosim.randomness import Draws, Streams
+from cosim.trace import Trace
 from cosim.units import S
 
 SETTINGS: list[RoutingSettings] = [
@@ -80,3 +83,20 @@ def test_what_a_router_has_counted_in_an_earlier_life_is_not_lost() -> None:
     assert net.routers.summary()["control_packets"] == before
     net.kernel.run(40 * S)
     assert net.routers.summary()["control_packets"] > before + 5
+
+
+@pytest.mark.parametrize(
+    ("only_failure", "there", "told"), [(True, True, []), (True, False, [False]), (False, True, [True])]
+)
+def test_who_asks_for_a_failure_only_hears_of_no_acknowledgement(
+    only_failure: bool, there: bool, told: list[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard: list[bool] = []
+    kernel = Kernel()
+    channel = AdhocChannel(AdhocSettings(range_m=10.0), kernel, Trace(()), 2, Streams(1))
+    monkeypatch.setattr(channel, "received", lambda *heard: None)
+    monkeypatch.setattr(channel, "done", lambda address, packet, acknowledged: heard.append(acknowledged))
+    channel.moved(np.array([(0.0, 0.0), (5.0 if there else 50.0, 0.0)]))
+    kernel.at(0, lambda: channel.transmit(0, Packet(1, b"data", "token", only_failure)))
+    kernel.run(S)
+    assert heard == told
