@@ -360,6 +360,10 @@ class Drains:
         self._commands: list[Command] = []
         self._events: list[Event] = []
 
+    def left(self) -> bool:
+        """Return whether there is anything to drain: what a machine without deadlines may return of an input."""
+        return bool(self._outbox or self._commands or self._events)
+
     def outbox(self) -> list[Outgoing | LinkCommand]:
         """Drain payloads and link commands."""
         return drained(self._outbox) if self._outbox else []

@@ -62,25 +62,28 @@ class Walker:
         self._outbox: list[Outgoing] = []
         self._motion: list[Command] = []
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Count a payload."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Count a payload; return that nothing else comes of it."""
         self.received += 1
+        return False
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take note of nothing."""
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        """Rest where one has arrived, and walk on."""
+    def observe(self, observation: Observation, now: Time) -> bool:
+        """Rest where one has arrived, and walk on; return whether one does."""
         if not observation.arrived:
-            return
+            return False
         if self._go_on is None:
             self._go_on = now + self._pause
-        if now >= self._go_on:
-            self._go_on = None
-            x_min, y_min, x_max, y_max = self._bounds_m
-            uniform, margin = self._stream.uniform, 2 * RADIUS_M
-            x_m, y_m = uniform(x_min + margin, x_max - margin), uniform(y_min + margin, y_max - margin)
-            self._motion.append(GoTo(float(x_m), float(y_m)))
+        if now < self._go_on:
+            return False
+        self._go_on = None
+        x_min, y_min, x_max, y_max = self._bounds_m
+        uniform, margin = self._stream.uniform, 2 * RADIUS_M
+        x_m, y_m = uniform(x_min + margin, x_max - margin), uniform(y_min + margin, y_max - margin)
+        self._motion.append(GoTo(float(x_m), float(y_m)))
+        return True
 
     def wake(self, now: Time) -> None:
         """Send a payload, if one is due."""

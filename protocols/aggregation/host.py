@@ -94,22 +94,23 @@ class Host(Drains):
         """True if the task is over and all searchers of the sub-team have reported that they have stopped."""
         return self.over and self.team.stopped
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Process a message of a searcher or of another host."""
-        heard = self._radio.receive(data, reception)
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Process a message of a searcher or of another host; return whether anything has come of it."""
+        heard, deadline = self._radio.receive(data, reception), self._deadline
         if heard is None:
-            return
+            return self.left()
         sender, message = heard
         if sender < self.setup.hosts:
             self._receive_from_host(sender, message, now)
         elif sender < self.setup.size:
             self._receive_from_searcher(sender, message, now)
+        return self.left() or self._deadline != deadline
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Ignore link events: the protocol relies on messages only."""
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        """Drive on, and begin or end a meeting when it is time."""
+    def observe(self, observation: Observation, now: Time) -> bool:
+        """Drive on, and begin or end a meeting when it is time; return whether anything has come of it."""
         here = observation.x_m, observation.y_m
         self.counters.moved(math.dist(here, self._here) if self.counters.ways_m else 0.0, now)
         self._here = here
@@ -121,6 +122,7 @@ class Host(Drains):
         command = self._itinerary.step(observation, now)
         if command is not None:
             self._commands.append(command)
+        return self.left()
 
     def wake(self, now: Time) -> None:
         """Suspect hosts that have been silent for too long; send a heartbeat if it is time."""

@@ -165,14 +165,14 @@ class Searcher(Drains):
         """True if it has received that the task is over."""
         return self._over
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Process a message of a host; ignore those of other searchers."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Process a message of a host; ignore those of other searchers. Return whether anything has come of it."""
         heard = self._radio.receive(data, reception)
         if heard is None:
-            return
+            return self.left()
         sender, message = heard
         if sender >= self._hosts:
-            return
+            return False
         if sender == self.membership.host:
             self._receive_from_host(message, now)
         match message:
@@ -184,6 +184,7 @@ class Searcher(Drains):
                 self._confirmed(sender, epoch, now)
             case Stop():
                 self._stop(sender, now)
+        return self.left()
 
     def _receive_from_host(self, message: Message, now: Time) -> None:
         """Process what only the own host may send."""
@@ -206,8 +207,8 @@ class Searcher(Drains):
     def link(self, event: LinkEvent, now: Time) -> None:
         """Ignore link events: the protocol relies on messages only."""
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        """Look around, decide, and walk."""
+    def observe(self, observation: Observation, now: Time) -> bool:
+        """Look around, decide, and walk; return whether anything has come of it."""
         here = observation.x_m, observation.y_m
         self.counters.moved(0.0 if self._here is None else math.dist(here, self._here), now)
         self._here = here
@@ -223,6 +224,7 @@ class Searcher(Drains):
         command = self._walk(observation, now)
         if command is not None:
             self._commands.append(command)
+        return self.left()
 
     def wake(self, now: Time) -> None:
         """Do nothing: there are no deadlines."""

@@ -233,10 +233,13 @@ class AdhocChannel(IdealChannel):
             return
         if not self._arrivals:
             self.kernel.soon(self._hand_over)
-        to_all = packet.destination == BROADCAST
+        to_all, payload = packet.destination == BROADCAST, packet.payload
+        if self._propagation is None:
+            reception = self._receptions[source, to_all]
+            self._arrivals += [(address, payload, reception) for address in receivers]
+            return
         for address, power_mw in zip(receivers, mw, strict=True):
-            rssi_dbm = None if self._propagation is None else 10.0 * elementary.log10(power_mw)
-            self._arrivals.append((address, packet.payload, Reception(source, to_all, rssi_dbm)))
+            self._arrivals.append((address, payload, Reception(source, to_all, 10.0 * elementary.log10(power_mw))))
 
     def arrived(self, address: Address, delivery: Delivery) -> None:
         """Take a payload for the host at *address*; all of one instant are delivered together."""
