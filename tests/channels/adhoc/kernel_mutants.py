@@ -19,7 +19,10 @@ from tests.mutants import Mutant, drawn_mutants, is_found
 PACKAGE = "cosim.channels.adhoc"
 KERNELS = ("advance", "agenda", "air", "dcf", "errors", "reach", "reception")
 ORACLE = "tests/channels/adhoc/test_dcf_equals_oracle.py"
-TESTS = ("test_room", "test_channel", "test_reception", "test_reach", "test_phy_errors", "test_jamming_adhoc")
+TESTS = (
+    *("test_room", "test_channel", "test_forwarding", "test_reception", "test_reach", "test_phy_errors"),
+    "test_jamming_adhoc",
+)
 FIRST = (*(f"tests/channels/adhoc/{name}.py" for name in TESTS), ORACLE, "-m", "not soak")
 """The tests that most errors fail, those that take least time before the others."""
 THEN = (ORACLE, "-m", "soak")
