@@ -14,7 +14,7 @@ Nothing may be scheduled at the present instant into a phase that has already pa
 SimPy cannot take events out of its queue; a cancelled handle stays there as an empty event until its time comes.
 """
 
-from collections import deque
+from bisect import insort
 from collections.abc import Callable
 from heapq import heappush
 from operator import index
@@ -35,6 +35,8 @@ END: Final = (1 << 62, STOP)
 """An instant and phase after all others."""
 
 Callback = Callable[[], None]
+_Entry = tuple[Time, int, int, Callback]
+"""Instant, priority and number of an event, and what it calls."""
 
 
 class Handle(simpy.Event):
@@ -61,11 +63,35 @@ class Handle(simpy.Event):
         kernel = self._kernel
         kernel.phase = (self.time, self.priority)
         kernel.executed += 1
-        kernel._calling = True
         self.callback()
-        if kernel._soon:
-            kernel._call_soon()
-        kernel._calling = False
+
+
+class Alarm:
+    """A callback at one instant at a time, which may be changed for little; made by ``alarm`` only.
+
+    It is for models with a queue of their own, of whose next event the kernel is to know: mostly that is the next of
+    all. So it stays beside the queue, with few others.
+    """
+
+    __slots__ = ("_callback", "_entry", "_kernel")
+
+    def __init__(self, kernel: "Kernel", callback: Callback) -> None:
+        self._kernel = kernel
+        self._callback = callback
+        self._entry: _Entry | None = None
+
+    def set(self, time: Time, priority: int) -> None:
+        """Have the callback called at *time*, in the phase *priority*, and not when it would have been.
+
+        Raise :exc:`LocalProtocolError` if that is over.
+        """
+        kernel, entry = self._kernel, self._entry
+        if time < kernel.environment._now or (time, priority) < kernel.phase:
+            raise kernel._over_error(time, priority)
+        if entry in kernel._beside:
+            kernel._beside.remove(entry)
+        self._entry = entry = time, priority, next(kernel.environment._eid), self._callback
+        insort(kernel._beside, entry)
 
 
 class Repeated(Handle):
@@ -86,8 +112,7 @@ class Repeated(Handle):
     def _fire(self) -> None:
         kernel, environment, callback, priority = self._kernel, self.env, self.callback, self.priority
         queue: list[Any] = environment._queue
-        time, soon = self.time, kernel._soon
-        kernel._calling = True
+        time, beside = self.time, kernel._beside
         while True:
             kernel.phase = (time, priority)
             kernel.executed += 1
@@ -96,14 +121,11 @@ class Repeated(Handle):
             if not period:
                 break
             self.time = time = time + period
-            if soon or not queue or queue[0][0] <= time:
+            if not queue or queue[0][0] <= time or (beside and beside[0][0] <= time):
                 self.callbacks = [Repeated._fire]
                 heappush(queue, (time, priority, next(environment._eid), self))
                 break
             environment._now = time  # nothing comes before it: it does without the queue
-        if soon:
-            kernel._call_soon()
-        kernel._calling = False
 
 
 class Kernel:
@@ -116,10 +138,8 @@ class Kernel:
         self._ends: list[simpy.Event] = []
         self._over = False
         """True once an end of the present run is reached."""
-        self._calling = False
-        """True inside of a callback."""
-        self._soon: deque[tuple[Time, int, int, Callback]] = deque()
-        """Instants, priorities and numbers of events that the present callback has asked for, and what they call."""
+        self._beside: list[_Entry] = []
+        """Events that are mostly the very next, and do without the queue: in their order, and only a few."""
 
     @property
     def now(self) -> Time:
@@ -135,9 +155,7 @@ class Kernel:
         time, environment = index(time), self.environment
         now = environment._now
         if time <= now and (time < now or (time, priority) < self.phase):
-            raise LocalProtocolError(
-                f"scheduled at {time} ns, priority {priority}, but it is {self.now} ns, phase {self.phase[1]}"
-            )
+            raise self._over_error(time, priority)
         handle = Handle(self, time, priority, callback)
         heappush(environment._queue, (time, priority, next(environment._eid), handle))  # type: ignore[misc]
         return handle
@@ -166,35 +184,20 @@ class Kernel:
         """
         now, (time, phase) = self.now, self.phase
         phase = max(DELIVER, phase) if time == now else DELIVER
-        self._soon.append((now, phase, next(self.environment._eid), callback))
-        if not self._calling:
-            self._queue_soon()
+        insort(self._beside, (now, phase, next(self.environment._eid), callback))
 
-    def _call_soon(self) -> None:
-        """Call what is due soon, or queue it where something else is due before."""
-        soon, queue = self._soon, self.environment._queue
-        while soon:
-            if queue and queue[0] < soon[0]:  # type: ignore[operator]  # no two have one number
-                self._queue_soon()
-                return
-            time, priority, _, callback = soon.popleft()
-            self.phase = (time, priority)
-            self.executed += 1
-            callback()
-
-    def _queue_soon(self) -> None:
-        while self._soon:
-            time, priority, number, callback = self._soon.popleft()
-            heappush(self.environment._queue, (time, priority, number, Handle(self, time, priority, callback)))  # type: ignore[misc]
+    def alarm(self, callback: Callback) -> Alarm:
+        """Return an alarm that calls *callback*, and is not set yet."""
+        return Alarm(self, callback)
 
     def peek(self) -> tuple[Time, int]:
         """Return the instant and priority of the next event, also of one that is cancelled; ``END`` if there is none.
 
         A model that has a queue of its own may run ahead to what comes before that: nothing else happens until then.
         """
-        queue, soon = self.environment._queue, self._soon
+        queue, beside = self.environment._queue, self._beside
         first = queue[0][:2] if queue else END
-        return min(first, soon[0][:2]) if soon else first  # type: ignore[return-value]
+        return min(first, beside[0][:2]) if beside else first  # type: ignore[return-value]
 
     def run(self, until: Time) -> None:
         """Execute everything strictly before *until* and set the clock to it: ``run(a); run(b)`` equals ``run(b)``.
@@ -206,18 +209,28 @@ class Kernel:
             raise LocalProtocolError(f"cannot run until {until} ns: this is inside of a run")
         if until < self.now:
             raise LocalProtocolError(f"cannot run until {until} ns: it is {self.now} ns")
-        step = self.environment.step
         self._over = False
         self._end(until)
         try:
-            while not self._over:
-                step()
+            self._go_on()
         finally:
-            self._calling = False
-            self._queue_soon()
             for end in self._ends:
                 end.callbacks = []  # one that has not been reached must not end a later run
             self._ends.clear()
+
+    def _go_on(self) -> None:
+        """Execute one event after another until the present run is over; its end is in the queue."""
+        environment, beside = self.environment, self._beside
+        queue, step = environment._queue, environment.step
+        while not self._over:
+            if beside and beside[0] < queue[0]:  # type: ignore[operator]  # no two have one number
+                time, priority, _, callback = beside.pop(0)
+                environment._now = time
+                self.phase = (time, priority)
+                self.executed += 1
+                callback()
+            else:
+                step()
 
     def stop(self) -> None:
         """End the present ``run`` at this instant, right after the callback that calls this.
@@ -227,6 +240,11 @@ class Kernel:
         if not self._ends:
             raise LocalProtocolError(f"nothing to stop at {self.now} ns: nothing runs")
         self._end(self.now)
+
+    def _over_error(self, time: Time, priority: int) -> LocalProtocolError:
+        return LocalProtocolError(
+            f"scheduled at {time} ns, priority {priority}, but it is {self.now} ns, phase {self.phase[1]}"
+        )
 
     def _end(self, time: Time) -> None:
         """Have the present run end at *time*."""

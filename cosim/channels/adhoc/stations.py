@@ -38,7 +38,7 @@ from cosim.channels.adhoc.state import (
     with_packets,
 )
 from cosim.jit import njit
-from cosim.kernel import Handle, Kernel
+from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import Time
@@ -120,7 +120,9 @@ class Stations:
         """Last sequence number of each sender, by receiver."""
         self._rows_used = self._rows = 0
         """Room that is taken by rows, and number of them that have been written since they were forgotten."""
-        self._handle: Handle | None = None
+        self._alarm = kernel.alarm(self._pump)
+        self._alarm_at: tuple[Time, int] | None = None
+        """Instant and phase of the next event as the kernel knows it."""
         self._pumping = False
         self._stirred = False
         """Something has been put on the agenda since the pump has begun."""
@@ -215,19 +217,15 @@ class Stations:
             self._call_back((self._times[0], self._ranks[0] >> ORDER_BITS))
 
     def _call_back(self, due: tuple[Time, int]) -> None:
-        handle = self._handle
-        if handle is not None:
-            if (handle.time, handle.priority) <= due:
-                return
-            handle.cancel()
-        time, phase = due
-        self._handle = self._kernel.at(time, self._pump, phase)
+        if self._alarm_at is None or due < self._alarm_at:
+            self._alarm_at = due
+            self._alarm.set(*due)
 
     def _pump(self) -> None:
         """Tell hosts what has come out for this instant and phase; when they have acted on it, run ahead."""
         kernel = self._kernel
         now, phase = here = kernel.phase
-        self._handle = None
+        self._alarm_at = None
         self._pumping, self._stirred = True, False
         told, rest, others = self._tell(), (now, phase + 1), kernel.peek()
         if told and not self._stirred and others < rest:  # nothing else was due in this phase
