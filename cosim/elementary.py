@@ -2,7 +2,7 @@
 
 A C library's exp, log, pow, sin, cos, atan2 and erfc, and NumPy's, differ in the last bit by version and by what the
 processor can do (fused multiplication and addition, wide vectors). These kernels are + - * / and sqrt of IEEE 754 in a
-stated order, which are rounded alike everywhere, and exact operations (ldexp, frexp, floor, fmod, copysign). numba
+stated order, which are rounded alike everywhere, and exact operations (powers of 2 by their bits, floor, fmod, copysign). numba
 neither reorders nor fuses them, as it compiles without fastmath.
 
 Each function reduces its argument to a short interval by constants in parts, a high one with trailing zeros, whose
@@ -56,6 +56,41 @@ _SPLIT: Final = 134217729.0
 """2**27 + 1: times a float, it parts it in the middle (Veltkamp)."""
 
 
+# ---------------------------------------------------------------- floats and their exponents
+#
+# ldexp and frexp by bits: without calls of a C library, and without branches, loops over them become vectors.
+
+_FRACTION: Final = (1 << 52) - 1
+_ONE: Final = 1023
+"""The biased exponent of 1.0."""
+_LEAST: Final = 2.2250738585072014e-308
+"""The least float with a whole fraction."""
+
+
+@njit(cache=True)
+def _power_of_2(k: int) -> float:
+    """Return 2 to the power of *k*, from -1022 to 1023."""
+    return float(np.int64(k + _ONE << 52).view(np.float64))
+
+
+@njit(cache=True)
+def _scaled(x: float, k: int) -> float:
+    """Return *x*, about 1, times 2 to the power of *k*, from -2000 to 2000; rounded once, if at all."""
+    half = k >> 1
+    return x * _power_of_2(half) * _power_of_2(k - half)
+
+
+@njit(cache=True)
+def _parts(x: float) -> tuple[float, int]:
+    """Return f and k, with *x* = (1 + f) 2**k and sqrt(1/2) - 1 <= f < sqrt(2) - 1, of *x* > 0."""
+    small = x < _LEAST
+    bits = np.float64(x * 18014398509481984.0 if small else x).view(np.int64)  # 2**54
+    half = float(np.int64(bits & _FRACTION | _ONE - 1 << 52).view(np.float64))
+    under = half < _SQRT_HALF
+    k = (bits >> 52) - (_ONE - 1) - (54 if small else 0) - (1 if under else 0)
+    return (2.0 * half if under else half) - 1.0, int(k)
+
+
 # ---------------------------------------------------------------- exponentials
 
 
@@ -78,7 +113,7 @@ def exp(x: float) -> float:
     k = math.floor(x * _LOG2_E + 0.5)
     high, low = x - k * _LN_2[0], k * _LN_2[1]
     r = high - low
-    return math.ldexp(1.0 + (r + (((high - r) - low) + _exp_tail(r))), int(k))
+    return _scaled(1.0 + (r + (((high - r) - low) + _exp_tail(r))), int(k))
 
 
 @njit(cache=True)
@@ -93,7 +128,7 @@ def exp10(x: float) -> float:
     high = part * _LN_10[0]
     low = part * _LN_10[1] + (tens - part - rest) * (_LN_10[0] + _LN_10[1])
     r = high + low
-    return math.ldexp(1.0 + (r + (((high - r) + low) + _exp_tail(r))), int(k))
+    return _scaled(1.0 + (r + (((high - r) + low) + _exp_tail(r))), int(k))
 
 
 @njit(cache=True)
@@ -105,14 +140,14 @@ def expm1(x: float) -> float:
         return exp(x) - 1.0
     k = math.floor(x * _LOG2_E + 0.5)
     r = (x - k * _LN_2[0]) - k * _LN_2[1]
-    scale = math.ldexp(1.0, int(k))
+    scale = _power_of_2(int(k))
     return (scale - 1.0) + scale * (r + _exp_tail(r))
 
 
 # ---------------------------------------------------------------- logarithms
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")  # a division does not look for 0: it is none
 def _log_tail(f: float) -> float:
     """Return f - log(1 + f) for sqrt(1/2) - 1 <= f <= sqrt(2) - 1.
 
@@ -132,11 +167,7 @@ def log(x: float) -> float:
     """Return the natural logarithm of *x*."""
     if not 0.0 < x < math.inf:
         return -math.inf if x == 0.0 else (x if x > 0.0 else math.nan)
-    m, k = math.frexp(x)
-    if m < _SQRT_HALF:
-        m *= 2.0
-        k -= 1
-    f = m - 1.0
+    f, k = _parts(x)
     return k * _LN_2[0] + (f - (_log_tail(f) - k * _LN_2[1]))
 
 
@@ -145,11 +176,7 @@ def log10(x: float) -> float:
     """Return the logarithm of *x* to base 10."""
     if not 0.0 < x < math.inf:
         return -math.inf if x == 0.0 else (x if x > 0.0 else math.nan)
-    m, k = math.frexp(x)
-    if m < _SQRT_HALF:
-        m *= 2.0
-        k -= 1
-    f = m - 1.0
+    f, k = _parts(x)
     return k * _LOG10_2[0] + ((f - _log_tail(f)) * _LOG10_E + k * _LOG10_2[1])
 
 
