@@ -142,34 +142,58 @@ def _write_gains(
         gains[i, i] = -np.inf
         ax, ay = positions[i]
         for j in range(i + 1, positions.shape[0]):
-            gain = _gain_db(i, j, ax, ay, positions[j, 0], positions[j, 1], law, key) - crossed[i, j] * LOSS_UNIT_DB
+            bx, by = positions[j]
+            gain = _law_gain_db(law, (bx - ax) ** 2 + (by - ay) ** 2)
+            gain = _shadowed_db(law, key, gain, i, j, ax, ay, bx, by) - crossed[i, j] * LOSS_UNIT_DB
             gains[i, j] = gains[j, i] = gain
 
 
 @njit(cache=True, borrows=True)
-def gain_db(losses: Losses, i: int, j: int, ax: float, ay: float, bx: float, by: float) -> float:
-    """Return what ``Propagation.gains_db`` does of robots *i* at a and *j* > *i* at b; a kernel for kernels."""
-    gain: float = _gain_db(i, j, ax, ay, bx, by, losses.law, losses.key)
+def law_gain_db(losses: Losses, square: float) -> float:
+    """Return the gain at a distance with that *square* in m2, where nothing hinders signals; a kernel for kernels."""
+    return _law_gain_db(losses.law, square)
+
+
+@njit(cache=True, borrows=True)
+def hinders(losses: Losses) -> bool:
+    """Return whether anything but the distance may weaken signals; a kernel for kernels."""
+    return losses.law[2] > 0.0 or len(losses.walls_m) > 0 or len(losses.barriers_m) > 0
+
+
+@njit(cache=True, borrows=True)
+def hindered_gain_db(
+    losses: Losses, gain: float, i: int, j: int, ax: float, ay: float, bx: float, by: float
+) -> float:
+    """Return what ``Propagation.gains_db`` does of robots *i* at a and *j* > *i* at b, by the law *gain*.
+
+    A kernel for kernels.
+    """
+    gain = _shadowed_db(losses.law, losses.key, gain, i, j, ax, ay, bx, by)
     gain -= crossed_weight(losses.walls_m, losses.wall_units, ax, ay, bx, by) * LOSS_UNIT_DB
     gain -= crossed_weight(losses.barriers_m, losses.barrier_units, ax, ay, bx, by) * LOSS_UNIT_DB
     return gain
 
 
 @njit(cache=True, borrows=True)
-def _gain_db(
+def _law_gain_db(law: tuple[float, float, float, float], square: float) -> float:
+    reference_db, exponent, _, _ = law
+    return -reference_db - 5.0 * exponent * elementary.log10(max(square, NEAREST_M * NEAREST_M))
+
+
+@njit(cache=True, borrows=True)
+def _shadowed_db(
+    law: tuple[float, float, float, float],
+    key: tuple[int, int],
+    gain: float,
     i: int,
     j: int,
     ax: float,
     ay: float,
     bx: float,
     by: float,
-    law: tuple[float, float, float, float],
-    key: tuple[int, int],
 ) -> float:
-    """Return the gain between robots *i* and *j* > *i* without walls."""
-    reference_db, exponent, shadowing_db, cell = law
-    square = max((bx - ax) ** 2 + (by - ay) ** 2, NEAREST_M * NEAREST_M)
-    gain = -reference_db - 5.0 * exponent * elementary.log10(square)
+    """Return the gain between robots *i* and *j* > *i* without walls, by the law *gain*."""
+    _, _, shadowing_db, cell = law
     if shadowing_db > 0.0:
         words = philox_words(_place(ax, ay, cell), _place(bx, by, cell), i << 16 | j, 0, key[0], key[1])
         gain -= shadowing_db * _normal(words)

@@ -15,7 +15,7 @@ import numpy as np
 import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int64s
 from cosim.channels.adhoc.state import REACHED, Records, new_records
-from cosim.channels.propagation import Losses, Propagation, gain_db
+from cosim.channels.propagation import Losses, Propagation, hindered_gain_db, hinders, law_gain_db
 from cosim.jit import njit
 from cosim.machine import Address
 
@@ -36,10 +36,6 @@ class Places(NamedTuple):
     """(n, 2)"""
     on: Bools
     """Which are switched on, (n,)."""
-    near: Bools
-    """All False, (n,) and up to seven more: room for a kernel's notes."""
-    eights: Int64s
-    """Eight of them at a time: most are as they were."""
     x_m: float
     y_m: float
     cell_m: float
@@ -47,6 +43,18 @@ class Places(NamedTuple):
     ny: int
     first: Int64s
     member: Int64s
+    member_m: Floats
+    """Positions of the members in their order, (n, 2): those of a few are *positions_m* itself."""
+    squares: Floats
+    """Room for a kernel's notes of members, (n,): squares of their distances,"""
+    values: Floats
+    """and their gains in dB, or powers in mW."""
+    reached: Bools
+    """All False, (n,) and up to seven more: room for notes of radios in their order,"""
+    eights: Int64s
+    """eight of them at a time, as most are False,"""
+    mw: Floats
+    """and their powers, (n,)."""
 
 
 def sorted_places(positions_m: Floats, on: Bools, cell_m: float) -> Places:
@@ -54,10 +62,10 @@ def sorted_places(positions_m: Floats, on: Bools, cell_m: float) -> Places:
     positions = np.ascontiguousarray(positions_m, dtype=np.float64)
     count = len(positions)
     eights = np.zeros(-(-count // 8), np.int64)
-    near = eights.view(np.bool_)
+    room = np.empty(count), np.empty(count), eights.view(np.bool_), eights, np.empty(count)
     if count <= FEW:
         first, member = np.array((0, count)), np.arange(count)
-        return Places(positions, on, near, eights, 0.0, 0.0, 1.0, 1, 1, first, member)
+        return Places(positions, on, 0.0, 0.0, 1.0, 1, 1, first, member, positions, *room)
     low = positions.min(axis=0)
     (x_m, y_m), (width, height) = low.tolist(), (positions.max(axis=0) - low).tolist()
     extent_m = max(width, height, 1e-3)
@@ -67,7 +75,7 @@ def sorted_places(positions_m: Floats, on: Bools, cell_m: float) -> Places:
     cells = rows * nx + columns
     first = np.concatenate(((0,), np.cumsum(np.bincount(cells, minlength=nx * ny))))
     member = np.argsort(cells, kind="stable")
-    return Places(positions, on, near, eights, x_m, y_m, cell_m, nx, ny, first, member)
+    return Places(positions, on, x_m, y_m, cell_m, nx, ny, first, member, positions[member], *room)
 
 
 class Reach:
@@ -207,41 +215,76 @@ def _write_row(
     """
     if not places.on[source]:
         return 0
-    _mark_near(places, source, limit_m)
-    count, positions = 0, places.positions_m
-    ax, ay = positions[source]
-    for eight in range(len(places.eights)):  # not cell by cell: rows rise
-        if places.eights[eight] == 0:
-            continue
-        for other in range(8 * eight, 8 * eight + 8):
-            if not places.near[other] or other == source or not places.on[other]:
-                continue
-            bx, by = positions[other, 0], positions[other, 1]
-            if math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay)) > limit_m:
-                continue
-            mw = power_mw
-            if losses is not None:
-                if source < other:
-                    gain = gain_db(losses, source, other, ax, ay, bx, by)
-                else:
-                    gain = gain_db(losses, other, source, bx, by, ax, ay)
-                mw *= elementary.exp10(gain / 10.0)
-            if mw > faintest_mw:
-                rows[count].address, rows[count].mw = other, mw
-                count += 1
-        places.eights[eight] = 0
-    return count
+    x, y = places.positions_m[source]
+    low_x, high_x = _cells(x - places.x_m, limit_m, places.cell_m, places.nx)
+    low_y, high_y = _cells(y - places.y_m, limit_m, places.cell_m, places.ny)
+    for iy in range(low_y, high_y + 1):
+        begin, end = places.first[iy * places.nx + low_x], places.first[iy * places.nx + high_x + 1]
+        _write_squares(places.member_m[begin:end], x, y, places.squares[begin:end])
+        if losses is None:
+            places.values[begin:end] = power_mw
+        else:
+            _write_powers(places, losses, source, power_mw, limit_m, begin, end)
+        _mark(places, source, limit_m, faintest_mw, begin, end)
+    return _write_marked(places, rows)
 
 
 @njit(cache=True, borrows=True)
-def _mark_near(places: Places, source: int, limit_m: float) -> None:
-    """Note all in cells that are within *limit_m* of *source*."""
-    x, y = places.positions_m[source, 0] - places.x_m, places.positions_m[source, 1] - places.y_m
-    low_x, high_x = _cells(x, limit_m, places.cell_m, places.nx)
-    low_y, high_y = _cells(y, limit_m, places.cell_m, places.ny)
-    for iy in range(low_y, high_y + 1):
-        for slot in range(places.first[iy * places.nx + low_x], places.first[iy * places.nx + high_x + 1]):
-            places.near[places.member[slot]] = True
+def _write_squares(positions_m: Floats, x: float, y: float, squares: Floats) -> None:
+    """Write the squares of the distances between *positions_m*, (n, 2), and (*x*, *y*)."""
+    for at in range(len(squares)):
+        along, across = positions_m[at, 0] - x, positions_m[at, 1] - y
+        squares[at] = along * along + across * across
+
+
+@njit(cache=True, borrows=True)
+def _write_powers(
+    places: Places, losses: Losses, source: int, power_mw: float, limit_m: float, begin: int, end: int
+) -> None:
+    """Write the powers of *source* at the members from *begin* to *end*, those within *limit_m* of it.
+
+    One step for all members after the other: so the compiler makes vectors of the first and the last.
+    """
+    squares, values = places.squares[begin:end], places.values[begin:end]
+    for at in range(len(values)):
+        values[at] = law_gain_db(losses, squares[at])
+    if hinders(losses):
+        ax, ay = places.positions_m[source]
+        for slot in range(begin, end):
+            other = places.member[slot]
+            if other == source or math.sqrt(places.squares[slot]) > limit_m:
+                continue
+            bx, by = places.member_m[slot]
+            if source < other:
+                places.values[slot] = hindered_gain_db(losses, places.values[slot], source, other, ax, ay, bx, by)
+            else:
+                places.values[slot] = hindered_gain_db(losses, places.values[slot], other, source, bx, by, ax, ay)
+    for at in range(len(values)):
+        values[at] = power_mw * elementary.exp10(values[at] / 10.0)
+
+
+@njit(cache=True, borrows=True)
+def _mark(places: Places, source: int, limit_m: float, faintest_mw: float, begin: int, end: int) -> None:
+    """Note which of the members from *begin* to *end* are reached, and with how much power."""
+    for slot in range(begin, end):
+        other, mw = places.member[slot], places.values[slot]
+        if mw > faintest_mw and math.sqrt(places.squares[slot]) <= limit_m and other != source and places.on[other]:
+            places.reached[other], places.mw[other] = True, mw
+
+
+@njit(cache=True, borrows=True)
+def _write_marked(places: Places, rows: Records) -> int:
+    """Write who has been noted to *rows*, rising, and forget the notes; return how many."""
+    count = 0
+    for eight in range(len(places.eights)):
+        if places.eights[eight] == 0:
+            continue
+        for other in range(8 * eight, 8 * eight + 8):
+            if places.reached[other]:
+                rows[count].address, rows[count].mw = other, places.mw[other]
+                count += 1
+        places.eights[eight] = 0
+    return count
 
 
 @njit(cache=True, borrows=True)
