@@ -214,12 +214,10 @@ class Stations:
         if self._pumping:
             self._stirred = True
         elif self._events[0]:
-            self._call_back((self._times[0], self._ranks[0] >> ORDER_BITS))
-
-    def _call_back(self, due: tuple[Time, int]) -> None:
-        if self._alarm_at is None or due < self._alarm_at:
-            self._alarm_at = due
-            self._alarm.set(*due)
+            due = time, phase = self._times[0], self._ranks[0] >> ORDER_BITS
+            if self._alarm_at is None or due < self._alarm_at:
+                self._alarm_at = due
+                self._alarm.set(time, phase)
 
     def _pump(self) -> None:
         """Tell hosts what has come out for this instant and phase; when they have acted on it, run ahead."""
@@ -261,8 +259,10 @@ class Stations:
         self._pumping = False
         if not out:
             self._tell()
-        if due[0] != NEVER:
-            self._call_back(due)
+        time, phase = due
+        if time != NEVER:
+            self._alarm_at = due
+            self._alarm.set(time, phase)
 
     def _add_rows(self, source: Address) -> None:
         """Have the row of *source* written; where stations are few all, which costs little more."""
@@ -320,17 +320,19 @@ class Stations:
         outcomes: list[_Outcome] = []
         receivers: list[Address] = []
         mw: list[float] = []
-        heard, told = NONE, _REPORT.iter_unpack(self._reports[: count * _REPORT.size])
+        heard, packets = NONE, self._packets
+        told = _REPORT.iter_unpack(self._reports[: count * _REPORT.size])
         for at, (what, station, number, right, power_mw, source, data_number) in enumerate(told):
-            if what == RECEIVED and number == heard:
+            if what != RECEIVED:
+                heard = NONE
+                note = None if what == DONE else Report(*self._network.told[at].tolist())
+                outcomes.append((packets.get(number), right, [station], [power_mw], source, None, note))
+            elif number == heard:
                 receivers.append(station)
                 mw.append(power_mw)
-                continue
-            receivers, mw = [station], [power_mw]
-            heard = number if what == RECEIVED else NONE
-            note = None if what in (RECEIVED, DONE) else Report(*self._network.told[at].tolist())
-            of_data = data_number if what == RECEIVED else None
-            outcomes.append((self._packets.get(number), right, receivers, mw, source, of_data, note))
+            else:
+                heard, receivers, mw = number, [station], [power_mw]
+                outcomes.append((packets[number], right, receivers, mw, source, data_number, None))
         self._told[0], self._urgent[0] = 0, False
         return outcomes
 

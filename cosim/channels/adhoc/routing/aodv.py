@@ -75,7 +75,7 @@ class Aodv(Control):
             self._carry(datagram, hop, now)
         if self._searches:
             self._go_on(now)
-        return self._due != due or self.left
+        return self._due != due or bool(self._hops or self._deliveries or self._fates or self._unsent)
 
     def hop_done(self, token: Watch, acknowledged: bool, now: Time) -> None:
         """Note an acknowledgement, or a link that is broken (6.8, 6.10, 6.12)."""

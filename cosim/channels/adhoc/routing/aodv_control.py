@@ -236,7 +236,8 @@ class Control(Output):
         if self._hello_at is not None and self._hello_at <= now:
             self._hello_at = None
             if self.settings.hello_always or now < self._engaged_until:
-                self._plan_hello(self._next_hello(now))
+                self._hello_at = now  # sending it plans the next
+                self._drawn += 1  # one number is skipped, as earlier versions had drawn with it: runs stay the same
                 self._send_message(
                     Rrep(0, self.address, self.sequence, self.address, self.times.loss // MS), BROADCAST, now
                 )

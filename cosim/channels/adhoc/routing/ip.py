@@ -62,13 +62,15 @@ def robot_of(ip: int) -> Address:
 
 def encode(datagram: Datagram) -> bytes:
     """Return the packet of *datagram*."""
+    if datagram.number > 0xFFFF:
+        datagram = datagram._replace(number=datagram.number & 0xFFFF)
     source, destination, ttl, port, number, data = datagram
-    length, number = HEADER_OCTETS + len(data), number & 0xFFFF
+    length = HEADER_OCTETS + len(data)
     one, other = ip_of(source), ip_of(destination)
     rest = checksum((_FIRST << 8) + length + number + (ttl << 8 | UDP) + one + other)
     udp = port, port, length - _IP.size, 0  # 0: no checksum, the FCS has one
     packet = _HEADERS.pack(_FIRST, 0, length, number, 0, ttl, UDP, rest, one, other, *udp) + data
-    _remember(packet, Datagram(source, destination, ttl, port, number, data))
+    _remember(packet, datagram)
     return packet
 
 
