@@ -116,7 +116,7 @@ def exp(x: float) -> float:
     return _scaled(1.0 + (r + (((high - r) - low) + _exp_tail(r))), int(k))
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def exp10(x: float) -> float:
     """Return 10 to the power of *x*: a ratio for bels."""
     if not abs(x) < 325.0:
@@ -171,7 +171,7 @@ def log(x: float) -> float:
     return k * _LN_2[0] + (f - (_log_tail(f) - k * _LN_2[1]))
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def log10(x: float) -> float:
     """Return the logarithm of *x* to base 10."""
     if not 0.0 < x < math.inf:
