@@ -176,7 +176,7 @@ class Reach:
 # ---------------------------------------------------------------- kernels
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _writing(
     places: Places,
     losses: Losses | None,
@@ -189,7 +189,8 @@ def _writing(
 ) -> Iterator[None]:
     """Write the rows of which *task* tells, (3,), and where each *ends*, as often as asked for the next result.
 
-    All take over the arrays from Python only once: *powers_mw*, *limits_m* and *ends* of all radios, (n,).
+    All take over the arrays from Python only once: *powers_mw*, *limits_m* and *ends* of all radios, (n,). ``Reach``
+    holds them: a generator of numba's that is not asked to its end never gives back what it has counted as held.
     """
     while True:
         end = task[2]

@@ -358,17 +358,18 @@ def _field(records: Records, name: str) -> memoryview:
 # ---------------------------------------------------------------- kernels
 #
 # A network is nine arrays, and each call of a kernel takes them over from Python anew: that costs more than most events
-# do. These two take them once, and then do their work whenever they are asked for the next result.
+# do. These two take them once, and then do their work whenever they are asked for the next result. They borrow what
+# ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as held.
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _advancing(network: Network, until: Int64s) -> Iterator[tuple[int, Time, int]]:
     """Yield what ``advance`` returns when it goes up to the instant and phase that *until*, (2,), holds."""
     while True:
         yield advance(network, until[0], until[1])
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _queueing(network: Network, forms: Records, offer: Records) -> Iterator[int]:
     """Yield what ``queue`` returns for the packet of which *offer*, (1,), tells, its form by number."""
     while True:
