@@ -125,7 +125,7 @@ def _arrive(network: Network, now: Time) -> None:
         for at in range(frame.row, frame.row_end):
             address, mw = network.rows[at].address, network.rows[at].mw
             if mw < common.follows_mw and is_calm(network, address, mw):  # so it is with most frames at most stations
-                powers_mw[address, number] = mw
+                powers_mw[number, address] = mw
                 network.stations[address].arriving += 1
             else:
                 energy_begins(network, address, number, mw, now)
@@ -140,7 +140,7 @@ def _leave(network: Network, number: int, now: Time) -> None:
     for at in range(frame.row, frame.row_end):
         address, received = network.rows[at].address, False
         if is_calm(network, address, 0.0):
-            network.powers_mw[address, number] = 0.0
+            network.powers_mw[number, address] = 0.0
             network.stations[address].arriving -= 1
         else:
             received = energy_ends(network, address, number, now)

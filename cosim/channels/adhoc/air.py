@@ -86,7 +86,7 @@ def total_mw(network: Network, address: int) -> float:
     frames, left, total = network.frames, network.stations[address].arriving, 0.0
     number = network.common[0].first_there
     while left > 0:  # of all on the air most do not arrive here
-        mw = network.powers_mw[address, number]
+        mw = network.powers_mw[number, address]
         if mw > 0.0:
             total += mw
             left -= 1

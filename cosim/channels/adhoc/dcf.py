@@ -314,7 +314,7 @@ def energy_begins(network: Network, address: int, number: int, mw: float, now: T
 def energy_ends(network: Network, address: int, number: int, now: Time) -> bool:
     """Note that a frame has arrived to its end; return whether it was received."""
     station = network.stations[address]
-    was_busy, mw = energy(network, address), network.powers_mw[address, number]
+    was_busy, mw = energy(network, address), network.powers_mw[number, address]
     received = ends(network, address, number, now)
     idle = was_busy and station.sending == NONE and not energy(network, address)
     if idle:

@@ -65,7 +65,7 @@ def begins(network: Network, address: int, number: int, mw: float, now: Time) ->
     if follows:
         station.followed, station.followed_from, station.spoilt = number, now, False
         station.log_chance, station.level_from = 0.0, 0
-    network.powers_mw[address, number] = mw
+    network.powers_mw[number, address] = mw
     station.arriving += 1
     note_level(network, address, now)
     if was_busy or not energy(network, address):
@@ -81,7 +81,7 @@ def _takes_over(network: Network, station: Record, address: int, mw: float, now:
     if followed == NONE:
         return True
     early = now - station.followed_from < network.frames[followed].form.preamble
-    return bool(early and mw >= network.common[0].capture * network.powers_mw[address, followed])
+    return bool(early and mw >= network.common[0].capture * network.powers_mw[followed, address])
 
 
 @njit(cache=True, borrows=True)
@@ -89,7 +89,7 @@ def ends(network: Network, address: int, number: int, now: Time) -> int:
     """Note that a frame ends; return RIGHT if it was received, WRONG if with errors, IGNORED if it was not followed."""
     common, station, frame = network.common[0], network.stations[address], network.frames[number]
     station.arriving -= 1
-    network.powers_mw[address, number] = 0.0
+    network.powers_mw[number, address] = 0.0
     if station.followed != number:
         note_level(network, address, now)
         return IGNORED
@@ -136,7 +136,7 @@ def note_level(network: Network, address: int, now: Time) -> None:
         return
     since = now - station.followed_from
     _add_errors(station, network.frames[station.followed].form, since, network.cck)
-    mw = network.powers_mw[address, station.followed]
+    mw = network.powers_mw[station.followed, address]
     others_mw = total_mw(network, address) - mw
     station.level = mw / (common.noise_mw + station.jammers_mw + max(others_mw, 0.0))
     station.level_from = since

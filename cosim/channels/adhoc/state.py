@@ -217,7 +217,7 @@ class Network(NamedTuple):
     frames: Records
     """Frames that are under way, and room for more."""
     powers_mw: Floats
-    """(n, frames): power at each station of each frame that is arriving there, else 0."""
+    """(frames, n): power of each frame at each station where it is arriving, else 0."""
     rows: Records
     """Stations that senders reach, rising, and with how much power, row after row."""
     agenda: Records
@@ -261,7 +261,7 @@ def new_network(
         stations,
         packets=new_records(0, PACKET),
         frames=new_records(0, FRAME),
-        powers_mw=np.zeros((size, 0)),
+        powers_mw=np.zeros((0, size)),
         rows=new_records(16 * size, REACHED),
         agenda=new_records(16 * size + 16, EVENT),
         told=new_records(16 * size + 16, REPORT),
@@ -272,7 +272,7 @@ def new_network(
 
 def with_frames(network: Network, more: int) -> Network:
     """Return *network* with room for *more* frames."""
-    powers_mw = np.concatenate((network.powers_mw, np.zeros((len(network.stations), more))), axis=1)
+    powers_mw = np.concatenate((network.powers_mw, np.zeros((more, len(network.stations)))))
     return network._replace(frames=_longer(network.frames, more, network.common, "free_frame"), powers_mw=powers_mw)
 
 
