@@ -99,18 +99,16 @@ class Node:
         self._channel = channel
         self._trace = trace
         self._timer: Handle | None = None
-        self._stirred: bool | None = None
-        """Whether anything has come of the inputs since the last drain; None if there were none."""
         self._messages_wanted, self._links_wanted = trace.wants(MESSAGES), trace.wants(LINKS)
         self._radios = channel.carried(address)
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Pass a payload to the machine."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Pass a payload to the machine; return whether anything may have come of it."""
         if not self.alive:
-            return
+            return False
         if self._messages_wanted:
             self._trace.row(MESSAGES, now, self.address, reception.source, reception.broadcast, data.hex())
-        self._stirred = self.machine.receive(data, reception, now) is not False or bool(self._stirred)
+        return self.machine.receive(data, reception, now) is not False
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Pass news about links to the machine."""
@@ -119,7 +117,6 @@ class Node:
         if self._links_wanted:
             self._trace.row(LINKS, now, self.address, *_told(event))
         self.machine.link(event, now)
-        self._stirred = True
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Pass what the robot senses to the machine, and act on it."""
@@ -131,8 +128,7 @@ class Node:
 
         Raise LocalProtocolError for what nobody could send or carry out.
         """
-        stirred, self._stirred = self._stirred, None
-        if stirred is False or not self.alive:  # a dead host has inputs like others, but neither takes nor answers them
+        if not self.alive:  # a dead host has inputs like others, but neither takes nor answers them
             return
         machine = self.machine
         for event in machine.events():  # first: what the device notes below it comes after it

@@ -1,7 +1,7 @@
 """What every channel is: a mover of bytes between addresses that says when they arrive, or why they do not.
 
 A channel knows endpoints by address and robots by position only. Everything that arrives at one instant is one kernel
-event; each endpoint that got something is drained once, in the order of addresses.
+event; each endpoint that has to act on it is drained once, in the order of addresses.
 """
 
 from abc import ABC, abstractmethod
@@ -33,8 +33,8 @@ WHY_UNSENT: Final = {
 class Endpoint(Protocol):
     """The end that a channel delivers to: takes several inputs of one instant, then acts on them once."""
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a payload."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
+        """Take a payload; return False if there is nothing to act on."""
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take a link event."""
@@ -111,13 +111,13 @@ class Channel(ABC):
         self.trace.row(UNSENT, self.kernel.now, source, destination, length, why.value)
 
     def deliver(self, arrivals: Iterable[Arrival], events: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
-        """Hand payloads, then link events, to their endpoints, and drain each of them once, in order of addresses."""
+        """Hand payloads, then link events, to their endpoints; drain those who have to act once, in order of addresses."""
         now, endpoints = self.kernel.now, self.endpoints
         touched: set[Address] = set()
         touch = touched.add
         for address, payload, reception in arrivals:
-            endpoints[address].receive(payload, reception, now)
-            touch(address)
+            if endpoints[address].receive(payload, reception, now) is not False:
+                touch(address)
         for address, event in events:
             endpoints[address].link(event, now)
             touch(address)
