@@ -108,6 +108,7 @@ class Forwarding:
         if router.left:
             for hop in router.hops():
                 ends.transmit(address, Packet(*hop))
+        if router.left:  # mostly there were packets only
             for delivery in router.deliveries():
                 ends.arrived(address, delivery)
             for token, outcome in router.fates():
