@@ -2,8 +2,8 @@
 
 A C library's exp, log, pow, sin, cos, atan2 and erfc, and NumPy's, differ in the last bit by version and by what the
 processor can do (fused multiplication and addition, wide vectors). These kernels are + - * / and sqrt of IEEE 754 in a
-stated order, which are rounded alike everywhere, and exact operations (powers of 2 by their bits, floor, fmod, copysign). numba
-neither reorders nor fuses them, as it compiles without fastmath.
+stated order, which are rounded alike everywhere, and exact operations (powers of 2 by their bits, floor, fmod,
+copysign). numba neither reorders nor fuses them, as it compiles without fastmath.
 
 Each function reduces its argument to a short interval by constants in parts, a high one with trailing zeros, whose
 products with small integers are exact, and low ones for the rest. On the interval a Taylor polynomial of so many terms

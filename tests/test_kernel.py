@@ -471,3 +471,81 @@ def test_soon_is_seen_by_peek_and_waits_behind_a_stop(log: Log):
     assert log.names == []
     log.kernel.run(11)
     assert log.names == ["soon"]
+
+
+# ---------------------------------------------------------------- alarms
+
+
+def test_an_alarm_keeps_its_place_among_what_is_due_at_its_instant(log: Log):
+    alarm = log.kernel.alarm(log.note("alarm"))
+    log.kernel.at(10, log.note("before it"))
+    alarm.set(10, DELIVER)
+    log.kernel.at(10, log.note("after it"))
+    log.kernel.at(10, log.note("world"), WORLD)
+    assert log.kernel.peek() == (10, WORLD)
+    log.kernel.run(11)
+    assert log.names == ["world", "before it", "alarm", "after it"]
+    assert log.kernel.phase == (10, DELIVER)
+    assert log.kernel.executed == 4
+
+
+@pytest.mark.parametrize("first", [5, 20])
+def test_an_alarm_that_is_set_again_rings_once_and_then(log: Log, first: int):
+    alarm = log.kernel.alarm(log.note("alarm"))
+    alarm.set(first, AIR)
+    alarm.set(10, WAKE)
+    assert log.kernel.peek() == (10, WAKE)
+    log.kernel.run(30)
+    assert log.entries == [(10, "alarm")]
+    alarm.set(40, WAKE)
+    log.kernel.run(50)
+    assert log.entries == [(10, "alarm"), (40, "alarm")]
+
+
+def test_two_alarms_ring_in_their_order_and_may_be_set_from_within(log: Log):
+    def ring() -> None:
+        log.note("first")()
+        if log.kernel.now < 20:
+            one.set(log.kernel.now + 7, DELIVER)
+
+    one, other = log.kernel.alarm(ring), log.kernel.alarm(log.note("second"))
+    other.set(13, DELIVER)
+    one.set(6, DELIVER)
+    log.kernel.run(30)
+    assert log.entries == [(6, "first"), (13, "second"), (13, "first"), (20, "first")]
+
+
+def test_what_repeats_does_not_overtake_an_alarm(log: Log):
+    alarm = log.kernel.alarm(log.note("alarm"))
+    log.kernel.every(10, log.note("tick"), WORLD)
+    alarm.set(20, DELIVER)
+    log.kernel.run(31)
+    assert log.entries == [(10, "tick"), (20, "tick"), (20, "alarm"), (30, "tick")]
+
+
+@pytest.mark.parametrize("wanted", [(9, AIR), (10, WORLD)])
+def test_an_alarm_is_not_set_to_what_is_over(log: Log, wanted: tuple[int, int]):
+    alarm = log.kernel.alarm(log.note("alarm"))
+
+    def fire() -> None:
+        with pytest.raises(LocalProtocolError, match="but it is 10 ns"):
+            alarm.set(*wanted)
+
+    log.kernel.at(10, fire)
+    log.kernel.run(11)
+    with pytest.raises(LocalProtocolError, match="but it is 11 ns"):
+        alarm.set(10, AIR)
+    log.kernel.run(20)
+    assert log.names == []
+
+
+def test_an_alarm_waits_for_a_later_run_behind_an_end_or_a_stop(log: Log):
+    alarm = log.kernel.alarm(log.note("alarm"))
+    alarm.set(10, DELIVER)
+    log.kernel.run(10)
+    assert log.names == []
+    log.kernel.at(10, log.kernel.stop, WORLD)
+    log.kernel.run(20)
+    assert (log.kernel.now, log.names) == (10, [])
+    log.kernel.run(20)
+    assert log.entries == [(10, "alarm")]

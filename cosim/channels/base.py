@@ -111,7 +111,7 @@ class Channel(ABC):
         self.trace.row(UNSENT, self.kernel.now, source, destination, length, why.value)
 
     def deliver(self, arrivals: Iterable[Arrival], events: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
-        """Hand payloads, then link events, to their endpoints; drain those who have to act once, in order of addresses."""
+        """Hand payloads, then link events, to their endpoints, and drain those that have to act once, in order."""
         now, endpoints = self.kernel.now, self.endpoints
         touched: set[Address] = set()
         touch = touched.add

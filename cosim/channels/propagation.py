@@ -161,9 +161,7 @@ def hinders(losses: Losses) -> bool:
 
 
 @njit(cache=True, borrows=True)
-def hindered_gain_db(
-    losses: Losses, gain: float, i: int, j: int, ax: float, ay: float, bx: float, by: float
-) -> float:
+def hindered_gain_db(losses: Losses, gain: float, i: int, j: int, ax: float, ay: float, bx: float, by: float) -> float:
     """Return what ``Propagation.gains_db`` does of robots *i* at a and *j* > *i* at b, by the law *gain*.
 
     A kernel for kernels.

@@ -227,16 +227,16 @@ class Fleet:
 
     def observations(self, pictures: Sequence[Picture] = ()) -> list[Observation]:
         """Return what each body observes at the last tick, with the *pictures* of their cameras, if they have any."""
-        return observations(self._table[:OBSERVED], pictures or repeat(NOBODY), repeat(None))
+        return observations(self._table[:OBSERVED], pictures or [NOBODY] * len(self), [None] * len(self))
 
 
-def observations(told: Floats, pictures: Iterable[Picture], views: Iterable[View | None]) -> list[Observation]:
+def observations(told: Floats, pictures: Sequence[Picture], views: Sequence[View | None]) -> list[Observation]:
     """Return the observations of all robots: *told* has the rows x, y, heading, speed, arrived, blocked.
 
     Without a loop in Python, as every robot has one at every tick.
     """
     x, y, heading, speed, arrived, blocked = told.tolist()
-    fields = zip(x, y, heading, speed, map(bool, arrived), map(bool, blocked), pictures, views)
+    fields = zip(x, y, heading, speed, map(bool, arrived), map(bool, blocked), pictures, views, strict=True)
     return list(map(_new, repeat(Observation), fields))
 
 

@@ -1,6 +1,8 @@
 """Whom senders reach: rows as the matrix of gains has them, by cells or without, and what may be neglected."""
 
+import gc
 import math
+import weakref
 from functools import partial
 from typing import Any
 
@@ -106,6 +108,32 @@ def test_what_stations_do_does_not_depend_on_whether_they_are_few(monkeypatch):
     monkeypatch.setattr("cosim.channels.adhoc.stations.FEW", 0)
     assert few == received()
     assert len({len(heard) for _, heard, _, _ in few}) > 2
+
+
+def test_where_radios_were_is_forgotten():
+    reach = Reach(60, np.full(60, 40.0), FAINT_MW, fading())
+    reach.moved(scattered(60, 100.0))
+    row(reach, 0, 60)
+    assert reach._places is not None
+    before = weakref.ref(reach._places.member_m)
+    reach.moved(scattered(60, 90.0))
+    row(reach, 0, 60)
+    gc.collect()
+    assert before() is None
+
+
+def test_nobody_holds_what_a_channel_has_known_when_it_is_gone():
+    kernel = Kernel()
+    channel = AdhocChannel(AdhocSettings(range_m=50.0), kernel, Trace(()), 2, Streams(1))
+    channel.moved(np.array([(0.0, 0.0), (60.0, 0.0)]))
+    channel.send(0, Outgoing(BROADCAST, b"x"))
+    kernel.run(100 * MS)
+    assert channel.summary()["frames_sent"] == 1.0
+    network = channel._stations._network
+    held = [weakref.ref(array) for array in network]
+    del channel, kernel, network
+    gc.collect()
+    assert [array() for array in held] == [None] * len(held)
 
 
 def test_a_disc_ends_at_the_range_of_the_sender():
