@@ -11,7 +11,8 @@ Events are executed in the order (time, priority, insertion). The priorities are
     AIR    3   slot boundaries: what a radio sends is decided after everything else of that instant
 
 Nothing may be scheduled at the present instant into a phase that has already passed: it would run late and silently.
-SimPy cannot take events out of its queue; a cancelled handle stays there as an empty event until its time comes.
+SimPy cannot take events out of its queue; a cancelled handle stays there as an empty event until its time comes. An
+alarm can be changed: it and what is due soon wait beside the queue.
 """
 
 from bisect import insort
