@@ -110,6 +110,15 @@ def test_what_stations_do_does_not_depend_on_whether_they_are_few(monkeypatch):
     assert len({len(heard) for _, heard, _, _ in few}) > 2
 
 
+def test_who_is_just_within_reach_is_found_at_the_edge_of_the_next_cell():
+    reach = Reach(40, np.full(40, 40.0), FAINT_MW, None)  # cells are 10 m wide
+    places = np.array([(40.0 * (robot % 2), 10.0 * (robot // 2 % 5)) for robot in range(40)])
+    reach.moved(places)
+    for source in range(40):
+        apart = np.hypot(*(places - places[source]).T)
+        assert row(reach, source, 40)[0] == [other for other in range(40) if apart[other] <= 40.0 and other != source]
+
+
 def test_where_radios_were_is_forgotten():
     reach = Reach(60, np.full(60, 40.0), FAINT_MW, fading())
     reach.moved(scattered(60, 100.0))
