@@ -261,7 +261,8 @@ class TeamEnv(ParallelEnv):  # type: ignore[misc]  # its libraries are an extra
         self._seed = scenario.seed
         self._first_seed: int | None = None
         self._episode = 0
-        self._before = self._truth()
+        self.truth = self._truth()
+        """The truth at the end of the last step, or at ``reset``."""
 
     def observation_space(self, agent: str) -> spaces.Box:
         """Return the space of observations: rows as :class:`Layout` has them."""
@@ -289,7 +290,7 @@ class TeamEnv(ParallelEnv):  # type: ignore[misc]  # its libraries are an extra
             over = self._advance(1)
         if over or self._tick >= self._last_tick:
             raise UserError(f"duration_s: {self.scenario.duration_s:g} s are over before the first step")
-        self._before = self._truth()
+        self.truth = self._truth()
         return self._observations(), self._infos()
 
     def step(
@@ -306,9 +307,9 @@ class TeamEnv(ParallelEnv):  # type: ignore[misc]  # its libraries are an extra
         over = self._advance(self._terms.ticks_per_step)
         terminated = over and self.simulation.kernel.now < self.scenario.duration
         truncated = self._tick >= self._last_tick and not terminated
-        before, self._before = self._before, self._truth()
+        before, self.truth = self.truth, self._truth()
         reward = self._terms.reward
-        rewards = [0.0] * len(self.agents) if reward is None else list(map(float, reward(before, self._before)))
+        rewards = [0.0] * len(self.agents) if reward is None else list(map(float, reward(before, self.truth)))
         told = self._observations(), dict(zip(self.agents, rewards, strict=True))
         terminations = dict.fromkeys(self.agents, terminated)
         truncations = dict.fromkeys(self.agents, truncated)
@@ -360,5 +361,5 @@ class TeamEnv(ParallelEnv):  # type: ignore[misc]  # its libraries are an extra
         return {agent: layout.row(machine, node.alive) for agent, layout, machine, node in parts}  # type: ignore[arg-type]
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        told = {"time_s": self._before.time_s, "seed": self._seed}
+        told = {"time_s": self.truth.time_s, "seed": self._seed}
         return {agent: dict(told) for agent in self.agents}
