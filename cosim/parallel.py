@@ -118,16 +118,15 @@ class Terms(NamedTuple):
 class Layout:
     """Where in an observation what stands: numbers of one row, whose names, columns and bounds are here."""
 
-    def __init__(self, simulation: Simulation, robot: Address, sightings: int) -> None:
-        """Lay out the observations of *robot*, which has room for so many *sightings*."""
-        scenario, machine = simulation.scenario, simulation.machines[robot]
+    def __init__(self, simulation: Simulation, robot: Address, machine: Ordered, sightings: int) -> None:
+        """Lay out the observations of *robot*, which has that *machine*, and room for so many *sightings*."""
+        scenario = simulation.scenario
         x_min, y_min, x_max, y_max = simulation.floorplan.bounds_m
         if scenario.team.senses.frames == "own":  # it began anywhere, turned by any angle
             x_max = y_max = math.hypot(x_max - x_min, y_max - y_min)
             x_min = y_min = -x_max
-        self.sightings, self.inbox, self.octets = sightings, machine.heard.maxlen, machine.message_octets
-        if not self.octets:
-            self.inbox = 0
+        self.sightings, self.octets = sightings, machine.message_octets
+        self.inbox: int = machine.heard.maxlen if self.octets else 0
         self.columns: dict[str, slice] = {}
         """Which columns hold what; ``seen`` and ``heard`` have several for each of their entries."""
         self._bounds: list[tuple[float, float]] = []
@@ -242,15 +241,15 @@ class TeamEnv(ParallelEnv):  # type: ignore[misc]  # its libraries are an extra
         self.scenario = scenario
         self.simulation = Simulation(scenario, scenario.seed)
         """The run of the present episode."""
-        for machine in self.simulation.machines:
-            if not isinstance(machine, Ordered):
-                raise UserError(f"protocol.use: {scenario.protocol.use} takes no orders, expected one as agents does")
+        machines = [machine for machine in self.simulation.machines if isinstance(machine, Ordered)]
+        if len(machines) < scenario.team.size:
+            raise UserError(f"protocol.use: {scenario.protocol.use} takes no orders, expected one as agents does")
         self.possible_agents = [f"robot_{robot}" for robot in range(scenario.team.size)]
         self.agents = self.possible_agents[:]
         others = scenario.team.size - 1
         sightings = min(others, MOST_SIGHTINGS if terms.sightings is None else terms.sightings)
         robots = range(scenario.team.size)
-        self.layouts = [Layout(self.simulation, robot, sightings) for robot in robots]
+        self.layouts = [Layout(self.simulation, robot, machines[robot], sightings) for robot in robots]
         """Where in each robot's observation what stands."""
         bodies = scenario.team.bodies
         self._orders = [Orders(terms.motion, bodies[robot], self.layouts[robot].octets) for robot in robots]
