@@ -1,5 +1,6 @@
 """A run as PettingZoo's ParallelEnv: the contract, and that bodies, messages and faults are those of any other run."""
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,12 +12,14 @@ import pytest
 
 from cosim.env import parallel_env
 from cosim.errors import UserError
+from cosim.machine import OPERATOR, Drive, Reception
 from cosim.protocol import Referee
 from cosim.scenario import Scenario, build
 from cosim.simulation import simulate
 from cosim.testing import check_machine
 from protocols.agents.machine import AgentMachine, Parameters
 from protocols.agents.spec import SPEC
+from protocols.wire import BadBytes
 
 LINKS = {"links": {}}
 
@@ -64,6 +67,18 @@ def test_without_the_libraries_one_line_says_how_to_get_them(monkeypatch: pytest
 def test_agents_keep_the_laws_of_machines(links: Any) -> None:
     parameters = Parameters.model_validate({"message_octets": 4, "transport": {"links": links}})
     check_machine(lambda me, start: AgentMachine(parameters, 3, me, start), events=SPEC.events)
+
+
+@pytest.mark.parametrize(
+    "order",
+    [b"", b"fast", AgentMachine.order(Drive(math.nan, 0.0)), AgentMachine.order(Drive(0.5, 0.0), b"much too long")],
+)
+def test_an_order_that_is_none_becomes_an_event(order: bytes) -> None:
+    machine = AgentMachine(Parameters(message_octets=4), 3, 0, 0)
+    machine.receive(order, Reception(OPERATOR, False), 5)
+    assert machine.events() == [BadBytes(OPERATOR, len(order))]
+    assert machine.commands() == machine.outbox() == []
+    assert machine.wake_at() is None
 
 
 def test_a_message_that_no_frame_can_hold_is_refused() -> None:
