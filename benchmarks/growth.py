@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from datetime import date
 from pathlib import Path
+from statistics import median
 from typing import NamedTuple
 
 from benchmarks.tables import README, aligned, machine, versions, written
@@ -70,17 +71,26 @@ def measured(nodes: int) -> Size:
     return Size(nodes, did["setup_s"], did["seconds"], did["memory_mb"])
 
 
-def rows(sizes: Sequence[Size]) -> Iterator[Row]:
+def medians(rounds: Sequence[Sequence[Size]]) -> list[Size]:
+    """Return the medians of all *rounds*, in each of which all sizes have been simulated once."""
+    return [
+        Size(each[0].nodes, *(median(values) for values in zip(*(one[1:] for one in each), strict=True)))
+        for each in zip(*rounds, strict=True)
+    ]
+
+
+def rows(rounds: Sequence[Sequence[Size]]) -> Iterator[Row]:
     """Return the lines of the table."""
-    unit_s = next(each.run_s for each in sizes if each.nodes == UNIT)
-    for each in sizes:
-        times = f"{each.run_s / unit_s:.3g}"
-        yield Row(f"{each.nodes}", f"{each.setup_s:.2f}", f"{each.run_s:.2f}", f"{each.memory_mb:.0f}", times)
+    units_s = [each.run_s for sizes in rounds for each in sizes if each.nodes == UNIT]
+    for at, each in enumerate(medians(rounds)):
+        times = sorted(sizes[at].run_s / unit_s for sizes, unit_s in zip(rounds, units_s, strict=True))
+        said = f"{median(times):.3g} ({times[0]:.3g} to {times[-1]:.3g})" if each.nodes != UNIT else "1"
+        yield Row(f"{each.nodes}", f"{each.setup_s:.2f}", f"{each.run_s:.2f}", f"{each.memory_mb:.0f}", said)
 
 
-def conditions(load: float) -> Iterator[str]:
+def conditions(load: float, rounds: int) -> Iterator[str]:
     """Return how the table came about, a sentence each; *load* is what else ran on the machine when it began."""
-    yield f"{date.today()}, one run of {SECONDS:g} s each, seed 1, neglect_db {NEGLECT_DB:g}."
+    yield f"{date.today()}, {SECONDS:g} s each, seed 1, neglect_db {NEGLECT_DB:g}; medians of {rounds} rounds of all."
     yield f"{machine(load)} before the first run."
     yield f"{versions()}."
 
@@ -117,15 +127,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--write", action="store_true", help="keep the table in benchmarks/README.md and the figure in docs"
     )
-    write = parser.parse_args(arguments).write
+    parser.add_argument("--rounds", type=int, default=7, metavar="N", help="rounds of which medians are printed (7)")
+    given = parser.parse_args(arguments)
     load = os.getloadavg()[0]
-    sizes = [measured(nodes) for nodes in SIZES]
-    said, table = [*conditions(load)], [COLUMNS, *rows(sizes)]
+    rounds = [[measured(nodes) for nodes in SIZES] for _ in range(given.rounds)]
+    said, table = [*conditions(load, given.rounds)], [COLUMNS, *rows(rounds)]
     print(*said, *aligned(table), sep="\n")
-    if write:
+    if given.write:
         page = README.read_text(encoding="utf-8")
         README.write_text(written(page, BEGIN, said, table), encoding="utf-8")
-        draw(sizes, FIGURE)
+        draw(medians(rounds), FIGURE)
 
 
 if __name__ == "__main__":

@@ -48,8 +48,9 @@ class Host:
         self.received = 0
         self.inquiries = 0
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         self.received += 1
+        return False
 
     def link(self, event: LinkEvent, now: Time) -> None:
         if isinstance(event, Connected) and event.role is Role.MASTER:
@@ -69,9 +70,9 @@ class Counter(Host):
         self.link = node.link  # type: ignore[method-assign]
         self.drain = node.drain  # type: ignore[method-assign]
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         self.received += 1
-        self._node.receive(data, reception, now)
+        return self._node.receive(data, reception, now)
 
 
 class Traffic:

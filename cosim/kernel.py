@@ -84,9 +84,9 @@ class Alarm:
     def set(self, time: Time, priority: int) -> None:
         """Have the callback called at *time*, in the phase *priority*, and not when it would have been.
 
-        Raise :exc:`LocalProtocolError` if that is over.
+        Raise :exc:`LocalProtocolError` if that is over, and :exc:`TypeError` if *time* is not an integer.
         """
-        kernel, entry = self._kernel, self._entry
+        kernel, entry, time = self._kernel, self._entry, index(time)
         if time < kernel.environment._now or (time, priority) < kernel.phase:
             raise kernel._over_error(time, priority)
         if entry in kernel._beside:

@@ -22,7 +22,7 @@ LINES = (
     "world",
     "robots channels",
     "node faults scenario simulation columns parts results experiment sweep",
-    "report export web testing pins warm data_dictionary cli __main__",
+    "report export web testing parallel env pins warm data_dictionary cli __main__",
 )
 """The layers of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
@@ -42,6 +42,8 @@ OWNERS = {
     "starlette": {"web"},
     "uvicorn": {"web"},
     "websockets": {"web"},
+    "gymnasium": {"parallel"},
+    "pettingzoo": {"parallel"},
     "dask": {"sweep"},
     "distributed": {"sweep"},
     "random": set(),

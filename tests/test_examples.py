@@ -164,3 +164,31 @@ def test_the_protocol_is_short() -> None:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             lines -= {*range(node.lineno, (node.end_lineno or node.lineno) + 1)}
     assert 80 < len(lines) <= CODE_LINES
+
+
+# ---------------------------------------------------------------- a policy of one's own
+
+AGENTS = EXAMPLES / "agents"
+POLICY = (AGENTS / "together.yaml").read_text(encoding="utf-8")
+PLAYED = [shlex.split(line) for line in re.findall(r"^#   python (.*)$", POLICY, re.MULTILINE)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", PLAYED, ids=" ".join)
+def test_robots_that_tell_where_they_are_come_together(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pettingzoo")
+    monkeypatch.syspath_prepend(str(AGENTS))
+    together = importlib.import_module("together")
+    assert words[0] == "examples/agents/together.py"
+    for seed in (1, 2):
+        told = together.play(words[1:], seed)
+        assert told["apart_m"] > 2.5 > 2.0 > told["together_m"]
+        assert (told["began_s"] > 1.0) == ("channel.kind=bluetooth" in words)
+
+
+def test_robots_that_hear_nothing_stay_where_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pettingzoo")
+    monkeypatch.syspath_prepend(str(AGENTS))
+    together = importlib.import_module("together")
+    told = together.play(["duration_s=5", "channel.loss=1.0"], 1)
+    assert told["together_m"] == told["apart_m"]

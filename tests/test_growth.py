@@ -25,12 +25,16 @@ def test_what_is_neglected_is_what_the_load_says():
     assert scenario(load._replace(neglect=10.0)).channel.neglect_db == 10.0
 
 
-def test_times_are_compared_with_those_of_500_nodes():
-    sizes = [Size(100, 0.25, 1.0, 150.4), Size(500, 0.5, 4.0, 160.0), Size(5000, 2.0, 50.0, 255.0)]
-    assert [*rows(sizes)] == [
-        Row("100", "0.25", "1.00", "150", "0.25"),
+def test_times_are_compared_with_those_of_500_nodes_in_the_same_round():
+    rounds = [
+        [Size(100, 0.25, 1.0, 150.4), Size(500, 0.5, 4.0, 160.0), Size(5000, 2.0, 50.0, 255.0)],
+        [Size(100, 0.5, 2.0, 150.4), Size(500, 1.0, 8.0, 160.0), Size(5000, 4.0, 80.0, 255.0)],  # a slow machine
+        [Size(100, 0.25, 1.2, 151.0), Size(500, 0.5, 4.0, 161.0), Size(5000, 2.0, 48.0, 256.0)],
+    ]
+    assert [*rows(rounds)] == [
+        Row("100", "0.25", "1.20", "150", "0.25 (0.25 to 0.3)"),
         Row("500", "0.50", "4.00", "160", "1"),
-        Row("5000", "2.00", "50.00", "255", "12.5"),
+        Row("5000", "2.00", "50.00", "255", "12 (10 to 12.5)"),
     ]
 
 
@@ -50,20 +54,21 @@ def measured(monkeypatch, tmp_path) -> list[int]:
 
 
 def test_all_sizes_are_measured_and_printed_and_nothing_is_kept_unasked(measured, capsys):
-    growth.main([])
-    assert tuple(measured) == SIZES
+    growth.main(["--rounds", "3"])
+    assert tuple(measured) == SIZES * 3
     lines = capsys.readouterr().out.splitlines()
-    assert "neglect_db 10" in lines[0]
-    assert lines[-1].split() == ["5000", "5.00", "50.00", "250", "10"]
+    assert "neglect_db 10; medians of 3 rounds" in lines[0]
+    assert lines[-1].split() == ["5000", "5.00", "50.00", "250", "10", "(10", "to", "10)"]
     assert not growth.FIGURE.exists()
 
 
 def test_table_and_figure_are_kept_if_that_is_asked_for(measured):
     growth.README.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
     growth.main(["--write"])
+    assert tuple(measured) == SIZES * 7
     page = growth.README.read_text()
     assert page.startswith(f"before\n{BEGIN}\n")
-    assert "| 2000 | 2.00 | 20.00 | 190 | 4 |" in page
+    assert "| 2000 | 2.00 | 20.00 | 190 | 4 (4 to 4) |" in page
     assert page.endswith(f"{END}\nafter\n")
     assert "old" not in page
     assert growth.FIGURE.read_text().startswith("<?xml")

@@ -305,6 +305,7 @@ def test_what_is_no_integer_is_refused(log: Log, time: Any):
         log.kernel.run,
         lambda t: log.kernel.at(t, log.note("x")),
         lambda t: log.kernel.after(t, log.note("x")),
+        lambda t: log.kernel.alarm(log.note("x")).set(t, DELIVER),
     ):
         with pytest.raises(TypeError):
             call(time)

@@ -36,6 +36,18 @@ def test_the_python_lines_run_on_the_scenario_and_cover_the_floor(
     assert float(rows[0][3]) < float(rows[1][3])  # the radio costs time
 
 
+@pytest.mark.slow
+def test_the_lines_on_learning_play_an_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pettingzoo")
+    (lines,) = re.findall(r"```\n(from cosim.env.*?)```", README, re.DOTALL)
+    script = tmp_path / "script.py"
+    script.write_text(lines, encoding="utf-8")
+    monkeypatch.chdir(ROOT)
+    left = runpy.run_path(str(script))
+    assert left["infos"]["robot_0"]["time_s"] == 59.9
+    assert all(left["truncations"].values())
+
+
 def test_the_examples_are_as_short_as_promised() -> None:
     assert len(block("yaml").splitlines()) <= 11
     assert len([line for line in block("python").splitlines() if line]) <= 10

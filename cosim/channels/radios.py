@@ -120,9 +120,9 @@ class _End:
         self._carriers = carriers
         """Robots that have that radio."""
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a payload."""
-        self._endpoint.receive(data, _new(Reception, (*reception[:3], self._radio)), now)
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
+        """Take a payload; return False if there is nothing to act on."""
+        return self._endpoint.receive(data, _new(Reception, (*reception[:3], self._radio)), now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take a link event that concerns the host: links are those of radio 0, with robots that have it."""

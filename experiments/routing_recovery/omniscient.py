@@ -9,7 +9,8 @@ from itertools import count
 
 import networkx as nx
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues
+from cosim.channels.adhoc.mac import Packet
+from cosim.channels.adhoc.routing.base import Delivery, Queues
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
 from cosim.machine import Address, Outcome
 from cosim.units import Time
@@ -77,4 +78,4 @@ class Omniscient(Queues):
             return
         number = next(self._numbers)
         self._sent[number] = datagram, token
-        self._hops.append(Hop(neighbour, encode(datagram), number))
+        self._hops.append(Packet(neighbour, encode(datagram), number))

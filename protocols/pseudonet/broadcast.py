@@ -380,7 +380,7 @@ class Broadcast:
             self._refuse(str(error), reception, now)
             return True
         if packet.source == self.me:
-            return True  # a piconet's broadcasts return to their author
+            return False  # a piconet's broadcasts return to their author
         if self.leads():
             self._receive_as_master(packet, data, reception, now)
             return True

@@ -58,12 +58,12 @@ def test_an_omniscient_router_takes_another_way_or_tells_that_there_is_none() ->
     one = Omniscient(0, graph)
     one.send(3, b"payload", 7, 0)
     (hop,) = one.hops()
-    graph.remove_node(hop.neighbour)
+    graph.remove_node(hop.destination)
     assert hop.token is not None
     one.hop_done(hop.token, False, 1)
     (again,) = one.hops()
-    assert {hop.neighbour, again.neighbour} == {1, 2}
-    graph.remove_node(again.neighbour)
+    assert {hop.destination, again.destination} == {1, 2}
+    graph.remove_node(again.destination)
     assert again.token is not None
     one.hop_done(again.token, False, 2)
     assert (one.hops(), one.fates()) == ([], [(7, Outcome.NO_ROUTE)])

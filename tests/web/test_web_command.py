@@ -16,6 +16,7 @@ import yaml
 from websockets.sync.client import connect
 
 from cosim.cli import WEB_NEEDS, _pages, main
+from cosim.env import GYM_NEEDS
 from cosim.sweep import CLUSTER_NEEDS
 from cosim.web.server import STATIC, Session
 from protocols.deployment.operator.page import PAGE as PLAYBOOK
@@ -114,6 +115,7 @@ def test_what_is_needed_is_the_extra():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert list(WEB_NEEDS) == extras["web"]
     assert list(CLUSTER_NEEDS) == extras["cluster"]
+    assert list(GYM_NEEDS) == extras["gym"]
 
 
 @pytest.mark.parametrize("folder", [STATIC, PLAYBOOK.html.parent])

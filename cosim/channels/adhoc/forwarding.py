@@ -106,8 +106,8 @@ class Forwarding:
             return
         router, ends = self.routers[address], self._ends
         if router.left:
-            for hop in router.hops():
-                ends.transmit(address, Packet(*hop))
+            for packet in router.hops():
+                ends.transmit(address, packet)
         if router.left:  # mostly there were packets only
             for delivery in router.deliveries():
                 ends.arrived(address, delivery)

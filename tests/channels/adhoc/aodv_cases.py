@@ -6,9 +6,9 @@ from itertools import pairwise
 import networkx as nx
 from hypothesis import strategies as st
 
+from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv import Aodv, AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Message, Rerr, Rrep, RrepAck, Rreq, decode_message
-from cosim.channels.adhoc.routing.base import Hop
 from cosim.channels.adhoc.routing.ip import AODV_PORT, decode
 from cosim.machine import Address
 from cosim.randomness import Draws
@@ -33,11 +33,11 @@ def router(net: LosslessHops, address: Address) -> Aodv:
     return found
 
 
-def messages(net: LosslessHops, kind: type[Message]) -> list[tuple[Time, Address, Hop, Message]]:
+def messages(net: LosslessHops, kind: type[Message]) -> list[tuple[Time, Address, Packet, Message]]:
     """Return all messages of a kind that were sent: when, by whom, the hop, the message."""
     found = []
     for time, sender, hop in net.sent:
-        datagram = decode(hop.packet)
+        datagram = decode(hop.payload)
         if datagram.port == AODV_PORT:
             message = decode_message(datagram.data)
             if isinstance(message, kind):

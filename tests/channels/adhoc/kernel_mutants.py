@@ -32,9 +32,11 @@ FIRST_LIMIT_S, THEN_LIMIT_S = 300.0, 900.0
 HARMLESS = {
     "if overlap > 1:": "a part of a frame that lasts a nanosecond has next to no bit",
     "after = 1 if common.bianchi_counting else common.difs": "what comes next waits for DIFS anyway",
+    "_finish(network, address, True, 1, now)": "what comes next waits for DIFS anyway",
     "if last.time < agenda[low].time or (last.time == agenda[low].time and (last.rank <= agenda[low].rank)):": (
         "no two events have one rank"
     ),
+    "y = reach * ((eighth + 0.5 - 0.5 * side * node)) / 8.0": "the same places, the sides of a middle in another order",
     "begin, link = frame.begin, frame.source << 17 | address": "other draws, as likely as these: pins differ",
     "return (words[0] << 21 | words[2] >> 11) * 2.0**-53 < elementary.exp(station.log_chance)": "other last bits",
     "return ((words[0] << 21 | words[1] >> 11) * 2.0 ** (-53) <= elementary.exp(station.log_chance))": (

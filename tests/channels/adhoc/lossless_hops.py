@@ -5,7 +5,8 @@ from functools import partial
 from heapq import heappop, heappush
 from itertools import count
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop, Router
+from cosim.channels.adhoc.mac import Packet
+from cosim.channels.adhoc.routing.base import Delivery, Router
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.units import MS, Time
 
@@ -21,7 +22,7 @@ class LosslessHops:
         self.now: Time = 0
         self.delivered: list[tuple[Time, Address, Delivery]] = []
         self.fates: list[tuple[Time, Address, int, Outcome]] = []
-        self.sent: list[tuple[Time, Address, Hop]] = []
+        self.sent: list[tuple[Time, Address, Packet]] = []
         self._events: list[tuple[Time, int, Callable[[], None]]] = []
         self._order = count()
         self._woken: dict[Address, Time] = {}
@@ -59,12 +60,12 @@ class LosslessHops:
         self.routers[address].wake(self.now)
         self._drain(address)
 
-    def _arrive(self, source: Address, hop: Hop) -> None:
-        targets = range(len(self.routers)) if hop.neighbour == BROADCAST else (hop.neighbour,)
+    def _arrive(self, source: Address, hop: Packet) -> None:
+        targets = range(len(self.routers)) if hop.destination == BROADCAST else (hop.destination,)
         heard = [each for each in targets if frozenset((source, each)) in self.links]
         for each in heard:
-            self.routers[each].receive(hop.packet, source, self.now)
+            self.routers[each].receive(hop.payload, source, self.now)
             self._drain(each)
         if hop.token is not None:
-            self.routers[source].hop_done(hop.token, bool(heard) or hop.neighbour == BROADCAST, self.now)
+            self.routers[source].hop_done(hop.token, bool(heard) or hop.destination == BROADCAST, self.now)
             self._drain(source)

@@ -48,7 +48,7 @@ def messages(net: LosslessHops, address: int, kind: int) -> list[tuple[Time, Mes
     return [
         (time, message)
         for time, sender, hop in net.sent
-        if sender == address and (datagram := decode(hop.packet)).port == OLSR_PORT
+        if sender == address and (datagram := decode(hop.payload)).port == OLSR_PORT
         for message in decode_packet(datagram.data)[1]
         if message.kind == kind and message.origin == address
     ]

@@ -1,8 +1,8 @@
 """Links of AODV that break: how it is noticed, who is told, and where payloads go then."""
 
+from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv import Aodv, AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Rerr, Rrep, RrepAck, Rreq, decode_message, encode_message
-from cosim.channels.adhoc.routing.base import Hop
 from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
@@ -21,7 +21,7 @@ def test_silence_breaks_a_link_after_two_hello_intervals() -> None:
     last = max(time for time, sender, hop in net.sent if sender == 2 and time + DELAY <= net.now)
     net.run(20 * S)
     errors = messages(net, Rerr)
-    assert [(time, sender, hop.neighbour) for time, sender, hop, _ in errors[:1]] == [(last + DELAY + 2 * S, 1, 0)]
+    assert [(time, sender, hop.destination) for time, sender, hop, _ in errors[:1]] == [(last + DELAY + 2 * S, 1, 0)]
     assert [robot for robot, _ in errors[0][3].unreachable] == [2]
 
 
@@ -38,7 +38,7 @@ def test_a_hop_that_is_not_acknowledged_breaks_a_link_at_once() -> None:
     net.send(0, 3, b"", 5)
     net.run(S + 10 * MS)
     # two hops, the third fails; an error takes one hop to each
-    assert [(time, sender, hop.neighbour) for time, sender, hop, _ in messages(net, Rerr)] == [
+    assert [(time, sender, hop.destination) for time, sender, hop, _ in messages(net, Rerr)] == [
         (S + 3 * DELAY, 2, 1),
         (S + 4 * DELAY, 1, 0),
     ]
@@ -54,7 +54,7 @@ def test_errors_go_to_all_if_more_than_one_uses_the_route() -> None:
     net.links.discard(frozenset((3, 4)))
     net.send(0, 4, b"")
     net.run(net.now + 10 * MS)
-    assert [(sender, hop.neighbour) for _, sender, hop, _ in messages(net, Rerr)] == [(3, 2), (2, BROADCAST)]
+    assert [(sender, hop.destination) for _, sender, hop, _ in messages(net, Rerr)] == [(3, 2), (2, BROADCAST)]
     assert [way(net, robot, 4) for robot in range(4)] == [[0], [1], [2], [3]]
 
 
@@ -75,7 +75,7 @@ def test_a_payload_without_a_route_on_its_way_is_answered_by_an_error() -> None:
     one = Aodv(0, AodvSettings(), Draws(1, "aodv"))
     one.receive(encode(Datagram(1, 9, 64, PAYLOAD_PORT, 1, b"lost")), 2, 0)
     (hop,) = one.hops()
-    assert (hop.neighbour, decode_message(decode(hop.packet).data)) == (2, Rerr(((9, 0),)))
+    assert (hop.destination, decode_message(decode(hop.payload).data)) == (2, Rerr(((9, 0),)))
 
 
 def test_a_robot_on_the_way_repairs_a_route() -> None:
@@ -90,7 +90,7 @@ def test_a_robot_on_the_way_repairs_a_route() -> None:
     assert [delivery.payload for _, at, delivery in net.delivered if at == 4] == [b"one", b"two"]
     assert {message.originator for time, _, _, message in messages(net, Rreq) if time >= S} == {2}
     errors = [
-        (sender, hop.neighbour, message.no_delete)
+        (sender, hop.destination, message.no_delete)
         for _, sender, hop, message in messages(net, Rerr)
         if message.unreachable[0][0] == 4
     ]
@@ -107,7 +107,7 @@ def test_the_request_of_a_repair_goes_half_as_far_as_the_source_is_and_two_hops_
     net.send(0, 7, b"")
     net.run(2 * S + 10 * MS)
     (repair,) = [hop for time, sender, hop, _ in messages(net, Rreq) if time >= 2 * S and sender == 6]
-    assert decode(repair.packet).ttl == 5
+    assert decode(repair.payload).ttl == 5
 
 
 def test_a_repair_that_fails_ends_in_an_error() -> None:
@@ -119,14 +119,14 @@ def test_a_repair_that_fails_ends_in_an_error() -> None:
     net.run(2 * S)
     # at 2: 1 hop to 3, 2 hops to 0, so TTL max(1, 1) + 2 = 3, and 2 * 40 ms * (3 + 2) of waiting
     (error, *_) = [each for each in messages(net, Rerr) if 3 in dict(each[3].unreachable)]
-    assert (error[0], error[1], error[2].neighbour, error[3].no_delete) == (S + 3 * DELAY + 400 * MS, 2, 1, False)
+    assert (error[0], error[1], error[2].destination, error[3].no_delete) == (S + 3 * DELAY + 400 * MS, 2, 1, False)
 
 
 def test_who_does_not_take_a_reply_is_not_heard_for_a_while() -> None:
     said = AodvSettings(use_hello=False, broadcast_jitter_s=0)
     one = Aodv(0, said, Draws(1, "aodv"))
 
-    def asked(number: int, now: Time) -> list[Hop]:
+    def asked(number: int, now: Time) -> list[Packet]:
         request = Rreq(0, number, 0, None, 1, number)
         one.receive(encode(Datagram(1, BROADCAST, 1, AODV_PORT, 1, encode_message(request))), 1, now)
         return one.hops()
@@ -142,7 +142,7 @@ def test_a_reply_can_ask_for_an_acknowledgement() -> None:
     net = network(3, line(3), use_rrep_ack=True)
     net.send(0, 2, b"", 1)
     net.run(S)
-    assert [(sender, hop.neighbour) for _, sender, hop, _ in messages(net, RrepAck)] == [(1, 2), (0, 1)]
+    assert [(sender, hop.destination) for _, sender, hop, _ in messages(net, RrepAck)] == [(1, 2), (0, 1)]
     assert net.fates[0][3] == Outcome.DELIVERED
 
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv import Aodv, AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Rrep, RrepAck, encode_message
-from cosim.channels.adhoc.routing.base import Hop
 from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -59,7 +59,7 @@ def test_no_bytes_and_no_order_of_calls_raise(calls: list[tuple], steps: list[Ti
                 one.wake(now)
         hops = one.hops()
         watched += [hop.token for hop in hops if hop.token is not None]
-        assert all(decode(hop.packet) is not None for hop in hops)
+        assert all(decode(hop.payload) is not None for hop in hops)
         assert one.next_hop(0, now) is None
         at, searched = one.wake_at(), searched_deadline(one)
         assert searched is None or (at is not None and at <= searched)
@@ -117,7 +117,7 @@ class Checked(LosslessHops):
         for source, destination in product(range(len(self.routers)), repeat=2):
             way(self, source, destination)
 
-    def _arrive(self, source: Address, hop: Hop) -> None:
+    def _arrive(self, source: Address, hop: Packet) -> None:
         kept = self.links
         self.links = {link for link in kept if self.generator.random() >= self.lost}
         super()._arrive(source, hop)

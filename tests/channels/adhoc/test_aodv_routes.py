@@ -43,7 +43,7 @@ def test_a_payload_takes_a_shortest_way(name: str) -> None:
             continue
         assert [(at, delivery.payload) for _, at, delivery in net.delivered] == [(destination, b"hello")]
         assert [fate[1:] for fate in net.fates] == [(0, 7, Outcome.DELIVERED)]
-        took = [hop for _, _, hop in net.sent if decode(hop.packet).port == PAYLOAD_PORT]
+        took = [hop for _, _, hop in net.sent if decode(hop.payload).port == PAYLOAD_PORT]
         assert len(took) == away[destination]
 
 
@@ -57,7 +57,7 @@ def test_all_pairs_find_shortest_ways_if_only_destinations_answer(name: str) -> 
             before = len(net.sent)
             net.send(source, destination, b"", 1)
             net.run(net.now + 3 * S)
-            took = [hop for _, _, hop in net.sent[before:] if decode(hop.packet).port == PAYLOAD_PORT]
+            took = [hop for _, _, hop in net.sent[before:] if decode(hop.payload).port == PAYLOAD_PORT]
             assert len(took) == nx.shortest_path_length(graph, source, destination)
     assert {fate[3] for fate in net.fates} == {Outcome.DELIVERED}
 
@@ -97,7 +97,7 @@ def test_the_destination_does_not_fall_behind_what_others_know_of_it() -> None:
     one.sequence = 0xFFFFFF00
     one.receive(encode(Datagram(1, BROADCAST, 1, AODV_PORT, 1, encode_message(request))), 1, 0)
     (hop,) = one.hops()
-    assert (hop.neighbour, decode_message(decode(hop.packet).data)) == (1, Rrep(0, 0, 0xFFFFFFF0, 1, 6000))
+    assert (hop.destination, decode_message(decode(hop.payload).data)) == (1, Rrep(0, 0, 0xFFFFFFF0, 1, 6000))
 
 
 def test_a_request_goes_out_with_the_newest_number_that_is_known_on_its_way() -> None:
@@ -107,7 +107,7 @@ def test_a_request_goes_out_with_the_newest_number_that_is_known_on_its_way() ->
         request = Rreq(1, number, 3, asked, 1, 5 + number, destination_only=True)
         one.receive(encode(Datagram(2, BROADCAST, 9, AODV_PORT, 1, encode_message(request))), 2, 0)
         (hop,) = one.hops()
-        datagram = decode(hop.packet)
+        datagram = decode(hop.payload)
         assert datagram.ttl == 8
         assert decode_message(datagram.data) == request._replace(hops=2, sequence=passed_on)
     known = one.table.get(3)
@@ -125,7 +125,9 @@ def test_who_has_an_old_route_or_one_back_does_not_answer(asked: int | None, hop
     request = Rreq(1, 7, 3, asked, 1, 5)
     one.receive(encode(Datagram(hop, BROADCAST, 9, AODV_PORT, 1, encode_message(request))), hop, 0)
     (sent,) = one.hops()
-    assert (sent.neighbour, type(decode_message(decode(sent.packet).data))) == ((hop, Rrep) if answered else (-1, Rreq))
+    assert (sent.destination, type(decode_message(decode(sent.payload).data))) == (
+        (hop, Rrep) if answered else (-1, Rreq)
+    )
 
 
 def test_an_error_ends_routes_over_its_sender_only() -> None:
@@ -162,7 +164,7 @@ def test_a_reply_that_is_no_news_is_passed_on_as_what_is_known_here() -> None:
     old = encode_message(Rrep(4, 3, 49, 1, 6000))
     one.receive(encode(Datagram(2, 0, 1, AODV_PORT, 1, old)), 2, 0)
     (hop,) = one.hops()
-    assert (hop.neighbour, decode_message(decode(hop.packet).data)) == (1, Rrep(2, 3, 50, 1, 10_000))
+    assert (hop.destination, decode_message(decode(hop.payload).data)) == (1, Rrep(2, 3, 50, 1, 10_000))
 
 
 def test_who_passes_a_reply_on_knows_at_once_whom_to_tell_if_the_route_breaks() -> None:

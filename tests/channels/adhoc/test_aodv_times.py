@@ -19,7 +19,7 @@ def test_a_search_fails_after_its_rings_and_doubling_waits() -> None:
     requests = messages(net, Rreq)
     starts = [0, 240, 640, 1200, 1920, 4720, 10320]  # after 240, 400, 560, 720 ms and 2.8, 5.6 s
     assert [time // MS for time, *_ in requests] == starts
-    assert [decode(hop.packet).ttl for _, _, hop, _ in requests] == [1, 3, 5, 7, 35, 35, 35]
+    assert [decode(hop.payload).ttl for _, _, hop, _ in requests] == [1, 3, 5, 7, 35, 35, 35]
     assert net.fates == [(21_520 * MS, 0, 9, Outcome.NO_ROUTE)]
 
 
@@ -39,7 +39,7 @@ def test_a_lost_route_is_searched_from_its_last_length_on() -> None:
     before = len(net.sent)
     net.send(0, 3, b"")
     net.run(21 * S)
-    assert decode(net.sent[before][2].packet).ttl == 3 + 2
+    assert decode(net.sent[before][2].payload).ttl == 3 + 2
 
 
 def test_a_robot_that_starts_anew_waits_until_nobody_sends_over_it() -> None:
@@ -55,12 +55,12 @@ def test_a_robot_that_starts_anew_waits_until_nobody_sends_over_it() -> None:
     assert one.hops() == []
     assert one.wake_at() == 115 * S
     one.receive(encode(Datagram(0, 5, 64, PAYLOAD_PORT, 1, b"")), 0, 110 * S)
-    assert [decode_message(decode(hop.packet).data) for hop in one.hops()] == [Rerr(((5, 0),))]
+    assert [decode_message(decode(hop.payload).data) for hop in one.hops()] == [Rerr(((5, 0),))]
     one.wake(115 * S)
     assert one.hops() == []
     assert one.wake_at() == 125 * S
     one.wake(125 * S)
-    assert [hop.neighbour for hop in one.hops()] == [BROADCAST]
+    assert [hop.destination for hop in one.hops()] == [BROADCAST]
 
 
 def test_a_robot_that_starts_anew_need_not_wait_for_answers() -> None:
@@ -104,7 +104,7 @@ def test_only_robots_on_active_routes_send_hellos() -> None:
     net = network(4, line(4), use_hello=True)
     net.send(0, 1, b"")
     net.run(30 * S)
-    hellos = [(time, sender) for time, sender, hop, _ in messages(net, Rrep) if hop.neighbour == BROADCAST]
+    hellos = [(time, sender) for time, sender, hop, _ in messages(net, Rrep) if hop.destination == BROADCAST]
     assert {sender for _, sender in hellos} == {0, 1}
     assert max(time for time, _ in hellos) <= 6 * S + 2 * DELAY  # MY_ROUTE_TIMEOUT
     always = network(4, [], use_hello=True, hello_always=True)

@@ -77,7 +77,7 @@ def test_it_makes_as_many_hops_as_its_time_to_live() -> None:
     net.send(0, BROADCAST, b"")
     net.run(S)
     assert sorted(address for _, address, _ in net.delivered) == [1, 2, 3]
-    assert sorted((address, decode(hop.packet).ttl) for _, address, hop in net.sent) == [(0, 3), (1, 2), (2, 1)]
+    assert sorted((address, decode(hop.payload).ttl) for _, address, hop in net.sent) == [(0, 3), (1, 2), (2, 1)]
 
 
 def test_a_number_that_returns_after_the_hold_time_is_a_new_payload() -> None:
@@ -99,7 +99,7 @@ def test_a_robot_takes_no_notice_of_its_own_payloads() -> None:
     router = flooding(0)
     router.send(BROADCAST, b"x", None, 0)
     (hop,) = router.hops()
-    router.receive(hop.packet, 1, MS)
+    router.receive(hop.payload, 1, MS)
     assert router.deliveries() == []
     assert router.wake_at() is None
 
@@ -134,7 +134,7 @@ def test_a_robot_that_restarts_goes_on_with_other_numbers() -> None:
     for now in (0, 10 * S):
         router = Flooding(0, FloodingSettings(), Draws(1, "flooding"), now)
         router.send(BROADCAST, b"", None, now)
-        numbers += [decode(hop.packet).number for hop in router.hops()]
+        numbers += [decode(hop.payload).number for hop in router.hops()]
     assert numbers[0] != numbers[1]
 
 

@@ -395,6 +395,22 @@ def test_a_jammer_keeps_the_medium_busy_from_the_threshold_of_energy_on(excess_d
     assert bool(field.rows()) is sends
 
 
+def test_a_jammer_that_is_too_weak_to_be_sensed_delays_nobody() -> None:
+    runs = []
+    for jammed in (False, True):
+        field = Field((0, 0), (5, 0), propagation=FREE_SPACE)
+        if jammed:
+            weak = pulsed(0, S, 30 * US, 70 * US)._replace(x_m=1000.0)
+            field.channel.jam(weak)
+        for number in range(40):
+            field.send(number * 5 * MS, 0, 1)
+            field.send(number * 5 * MS, 0, 1)  # it waits for a back-off
+        field.kernel.run(S)
+        runs.append(field.rows())
+    assert len(runs[0]) == 160
+    assert runs[1] == runs[0]
+
+
 FRAMES_SENT = 600
 
 

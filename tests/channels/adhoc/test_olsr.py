@@ -69,7 +69,7 @@ def test_a_payload_to_one_goes_from_hop_to_hop() -> None:
     net.run(net.now + 10 * MS)
     assert net.delivered == [(CONVERGED + 4 * DELAY, 4, Delivery(0, b"four", False))]
     assert net.fates == [(CONVERGED + DELAY, 0, 9, Outcome.DELIVERED)]
-    path = [(n, hop.neighbour) for _, n, hop in net.sent[begin:] if decode(hop.packet).port == PAYLOAD_PORT]
+    path = [(n, hop.destination) for _, n, hop in net.sent[begin:] if decode(hop.payload).port == PAYLOAD_PORT]
     assert path == [(0, 1), (1, 2), (2, 3), (3, 4)]
 
 

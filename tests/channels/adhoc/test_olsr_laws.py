@@ -48,7 +48,7 @@ def test_packets_that_are_not_their_senders_own_are_rejected() -> None:
 def test_own_packets_that_come_back_change_nothing() -> None:
     net = converged("line")
     each = router(net, 1)
-    own = [hop.packet for _, sender, hop in net.sent if sender == 1]
+    own = [hop.payload for _, sender, hop in net.sent if sender == 1]
     before = each.routes(net.now), each.wake_at(), each.summary()
     for data in own:
         each.receive(data, 1, net.now)
@@ -110,7 +110,7 @@ def test_a_payload_to_oneself_is_there_at_once() -> None:
 def test_what_is_sent_is_counted() -> None:
     net = converged("line")
     for address in range(7):
-        packets = [hop.packet for _, sender, hop in net.sent if sender == address]
+        packets = [hop.payload for _, sender, hop in net.sent if sender == address]
         summary = router(net, address).summary()
         assert summary["control_packets"] == len(packets)
         assert summary["control_octets"] == sum(map(len, packets))

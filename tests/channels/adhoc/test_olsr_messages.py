@@ -77,7 +77,7 @@ def test_a_payload_to_all_reaches_everybody_once_and_is_sent_once_at_most(name: 
     assert sorted(address for _, address, _ in net.delivered) == [n for n in range(len(net.routers)) if n != 1]
     assert {each for _, _, each in net.delivered} == {Delivery(1, b"all", True)}
     assert net.fates == [(CONVERGED + DELAY, 1, 2, Outcome.SENT)]
-    senders = Counter(n for _, n, hop in net.sent[begin:] if decode(hop.packet).port == PAYLOAD_PORT)
+    senders = Counter(n for _, n, hop in net.sent[begin:] if decode(hop.payload).port == PAYLOAD_PORT)
     assert set(senders.values()) == {1}
     everybody = set(range(len(net.routers)))
     relays = {relay for each in everybody for relay in router(net, each).relays(net.now)} | {1}
@@ -90,7 +90,7 @@ def test_in_a_full_network_nobody_repeats() -> None:
     begin = len(net.sent)
     net.send(0, BROADCAST, b"")
     net.run(net.now + S)
-    assert sum(decode(hop.packet).port == PAYLOAD_PORT for _, _, hop in net.sent[begin:]) == 1
+    assert sum(decode(hop.payload).port == PAYLOAD_PORT for _, _, hop in net.sent[begin:]) == 1
 
 
 def test_nobody_forwards_a_message_twice() -> None:
@@ -98,7 +98,7 @@ def test_nobody_forwards_a_message_twice() -> None:
     forwarded = Counter(
         (sender, message.origin, message.number)
         for _, sender, hop in net.sent
-        for message in decode_packet(decode(hop.packet).data)[1]
+        for message in decode_packet(decode(hop.payload).data)[1]
     )
     assert max(forwarded.values()) == 1
 
@@ -116,7 +116,7 @@ def test_a_message_of_an_unknown_kind_is_forwarded_for_those_whose_relay_one_is(
     each.wake(due - 1)
     assert each.hops() == []
     each.wake(JITTER)
-    sent = [m for hop in each.hops() for m in decode_packet(decode(hop.packet).data)[1] if m.kind == 99]
+    sent = [m for hop in each.hops() for m in decode_packet(decode(hop.payload).data)[1] if m.kind == 99]
     assert sent == [strange._replace(ttl=9, hops=4)]
 
 
@@ -147,7 +147,7 @@ def test_many_messages_are_put_into_several_packets() -> None:
     for number in range(10):
         each.receive(packet(0, 2 + number, Message(99, S, 7, 10, 3, number, bytes(388))), 0, 0)
     each.wake(JITTER)
-    data = [decode(hop.packet).data for hop in each.hops()]
+    data = [decode(hop.payload).data for hop in each.hops()]
     sizes = [sum(message.kind == 99 for message in decode_packet(one)[1]) for one in data]
     assert sum(sizes) == 10
     assert max(sizes) == 3  # of 400 octets each

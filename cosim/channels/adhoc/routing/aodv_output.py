@@ -3,10 +3,11 @@
 from heapq import heappop, heappush
 from typing import NamedTuple
 
+from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv_search import Carried
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Message, Rrep, encode_message
-from cosim.channels.adhoc.routing.base import Hop, Queues
+from cosim.channels.adhoc.routing.base import Queues
 from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, encode
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -47,7 +48,7 @@ class Output(Queues):
         self._draws = draws
         self._drawn = 0
         self._identification, self._request_id, *_ = draws.words(now, address, _FIRST)
-        self._held: list[tuple[Time, int, Hop]] = []
+        self._held: list[tuple[Time, int, Packet]] = []
         """Broadcasts that wait for their jitter to pass."""
         self._hello_at: Time | None = None
         """Instant at which the next hello is due."""
@@ -72,13 +73,13 @@ class Output(Queues):
     ) -> None:
         """Leave *packet* for the station, or after a random time if it is to be *held* back."""
         only_failure = watch is not None and (watch.carried is None or watch.carried.token is None)
-        hop = Hop(neighbour, packet, watch, only_failure)
+        sent = Packet(neighbour, packet, watch, only_failure)
         after = self._draw(self.times.jitter) if held and self.times.jitter else 0
         if after:
-            heappush(self._held, (now + after, self._drawn, hop))
+            heappush(self._held, (now + after, self._drawn, sent))
             self._expect(now + after)
         else:
-            self._hops.append(hop)
+            self._hops.append(sent)
         if neighbour == BROADCAST and self._hello_at is not None:
             self._plan_hello(self._next_hello(now + after))
 

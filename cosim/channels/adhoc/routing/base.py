@@ -7,25 +7,13 @@ leaves, and wakes it at ``wake_at``. All that a router knows of the network it h
 
 from typing import Any, Final, NamedTuple, Protocol
 
+from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.ip import HEADER_OCTETS
 from cosim.machine import Address, Outcome
 from cosim.units import Time
 
 MOST_OCTETS: Final = 0xFFFF - HEADER_OCTETS
 """Longest payload: what one IPv4 packet holds."""
-
-
-class Hop(NamedTuple):
-    """A packet for the next hop."""
-
-    neighbour: Address
-    """Neighbour that is to take it, or BROADCAST."""
-    packet: bytes
-    """An IPv4 packet, see ``ip``."""
-    token: Any = None
-    """What the router is handed back with its fate; None if it does not ask for that."""
-    only_failure: bool = False
-    """True if it asks to hear of a failure only."""
 
 
 class Delivery(NamedTuple):
@@ -59,10 +47,10 @@ class Router(Protocol):
         """
 
     def hop_done(self, token: Any, acknowledged: bool, now: Time) -> None:
-        """Note the fate of a :class:`Hop` with a *token*."""
+        """Note the fate of a packet with a *token*."""
 
     def hop_refused(self, token: Any, now: Time) -> None:
-        """Note that the station had no room for a :class:`Hop`: it is lost, and the link is as it was."""
+        """Note that the station had no room for a packet: it is lost, and the link is as it was."""
 
     def wake(self, now: Time) -> None:
         """Do what is due; harmless if nothing is."""
@@ -78,7 +66,7 @@ class Router(Protocol):
     def left(self) -> bool:
         """True if one of the four that follow has something to drain."""
 
-    def hops(self) -> list[Hop]:
+    def hops(self) -> list[Packet]:
         """Drain packets for the station."""
 
     def deliveries(self) -> list[Delivery]:
@@ -102,7 +90,7 @@ class Queues:
 
     def __init__(self, address: Address) -> None:
         self._address = address
-        self._hops: list[Hop] = []
+        self._hops: list[Packet] = []
         self._deliveries: list[Delivery] = []
         self._fates: list[tuple[int, Outcome]] = []
         self._unsent: list[Unsent] = []
@@ -112,7 +100,7 @@ class Queues:
         """True if there is something to drain."""
         return bool(self._deliveries or self._hops or self._fates or self._unsent)
 
-    def hops(self) -> list[Hop]:
+    def hops(self) -> list[Packet]:
         """Drain packets for the station."""
         hops, self._hops = self._hops, []
         return hops

@@ -10,7 +10,8 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues
+from cosim.channels.adhoc.mac import Packet
+from cosim.channels.adhoc.routing.base import Delivery, Queues
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
@@ -74,11 +75,11 @@ class Repeats:
         heappush(self._waiting, (now + delay, self._count, packet))
         self._count += 1
 
-    def due(self, now: Time) -> list[Hop]:
+    def due(self, now: Time) -> list[Packet]:
         """Drain what is to be sent now."""
         hops = []
         while self._waiting and self._waiting[0][0] <= now:
-            hops.append(Hop(BROADCAST, heappop(self._waiting)[2]))
+            hops.append(Packet(BROADCAST, heappop(self._waiting)[2]))
         return hops
 
     def due_at(self) -> Time | None:
@@ -107,7 +108,7 @@ class Flooding(Queues):
             return
         packet = encode(Datagram(self._address, destination, self._ttl, PAYLOAD_PORT, self._number, payload))
         self._number = (self._number + 1) % NUMBERS
-        self._hops.append(Hop(BROADCAST, packet, token))
+        self._hops.append(Packet(BROADCAST, packet, token))
 
     def receive(self, packet: bytes, hop: Address, now: Time) -> bool:
         """Deliver a payload that is new and meant for this robot, and have it repeated if others may want it."""

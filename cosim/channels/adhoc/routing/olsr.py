@@ -16,7 +16,8 @@ from typing import Final, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues, Unsent
+from cosim.channels.adhoc.mac import Packet
+from cosim.channels.adhoc.routing.base import Delivery, Queues, Unsent
 from cosim.channels.adhoc.routing.flooding import NUMBERS, Repeats, Seen
 from cosim.channels.adhoc.routing.ip import OLSR_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.channels.adhoc.routing.olsr_graph import RoutingEntry, routing_table
@@ -308,7 +309,7 @@ class Olsr(Queues):
     def _hop(self, neighbour: Address, packet: bytes, token: int | None) -> None:
         self._tokens += 1
         self._sent[self._tokens] = _Sent(neighbour, token)
-        self._hops.append(Hop(neighbour, packet, self._tokens))
+        self._hops.append(Packet(neighbour, packet, self._tokens))
 
     # ------------------------------------------------------------ messages
 
@@ -399,7 +400,7 @@ class Olsr(Queues):
             self._number = (self._number + 1) % NUMBERS
             self._counts["control_packets"] += 1
             self._counts["control_octets"] += len(packet)
-            self._hops.append(Hop(BROADCAST, packet))
+            self._hops.append(Packet(BROADCAST, packet))
 
     def wake_at(self) -> Time | None:
         """Return when the next message or repeated payload is to be sent."""

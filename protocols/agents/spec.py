@@ -1,0 +1,52 @@
+"""What cosim must know of agents."""
+
+from typing import Any
+
+from cosim.arrays import Floats
+from cosim.errors import UserError
+from cosim.machine import Address
+from cosim.protocol import ProtocolSpec, Referee, Surroundings, anywhere
+from cosim.units import Time
+from protocols.agents.machine import AgentMachine, Parameters
+from protocols.transport.links import MOST_ROBOTS
+from protocols.wire import BadBytes
+
+
+class Bystander(Referee):
+    """A referee that lets every run go on until its time is over."""
+
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
+        """Let the run go on."""
+        return False
+
+    def verdict(self, now: Time) -> dict[str, float]:
+        """Judge nothing."""
+        return {}
+
+
+def prepare(parameters: Parameters, surroundings: Surroundings) -> int:
+    """Return the team's size, all that robots know beforehand; raise UserError for more than a piconet can have."""
+    size = len(surroundings.starts_m)
+    if parameters.transport.links is not None and size > MOST_ROBOTS:
+        raise UserError(f"protocol.parameters.transport.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
+    return size
+
+
+def make(parameters: Parameters, size: int, me: Address, stream: Any, start: Time) -> AgentMachine:
+    """Return the machine of robot *me*, which draws nothing."""
+    return AgentMachine(parameters, size, me, start)
+
+
+SPEC = ProtocolSpec(
+    name="agents",
+    about="Robots do what a policy outside orders at every step: cosim.env makes an environment of them.",
+    parameters=Parameters,
+    place=anywhere,
+    prepare=prepare,
+    make=make,
+    referee=lambda parameters, size, surroundings: Bystander(),
+    metrics=(),
+    measure=lambda machines: {},
+    events=(BadBytes,),
+    needs_view=True,
+)
