@@ -258,12 +258,7 @@ class RunStore:
                 continue
             try:
                 values = array_of([arms[rank][number] for rank in ranks], field.kind)
-            except (
-                pa.ArrowException,
-                KeyError,
-                ValueError,
-                OverflowError,
-            ):  # such as no sweep has
+            except (pa.ArrowException, KeyError, ValueError):  # such as no sweep has
                 raise UserError(f"{self.folder / 'sweep.json'}: axes.{name}.values: are no values of an axis") from None
             place = table.column_names.index(name) if name in table.column_names else table.num_columns
             kept = table.drop_columns([name]) if name in table.column_names else table

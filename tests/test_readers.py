@@ -6,7 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import pandas as pd
+import polars
 import pyarrow.parquet as pq
 import pytest
 import yaml
@@ -30,11 +32,11 @@ def by_pyarrow(folder: Path) -> Rows:
 
 
 def by_polars(folder: Path) -> Rows:
-    return pytest.importorskip("polars").read_parquet(folder).to_dicts()
+    return polars.read_parquet(folder).to_dicts()
 
 
 def by_duckdb(folder: Path) -> Rows:
-    found = pytest.importorskip("duckdb").connect().sql(f"select * from '{folder}/*.parquet'")
+    found = duckdb.connect().sql(f"select * from '{folder}/*.parquet'")
     return [dict(zip(found.columns, row, strict=True)) for row in found.fetchall()]
 
 
