@@ -13,7 +13,7 @@ import os
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from time import perf_counter
@@ -22,6 +22,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from cosim import __version__
+from cosim.cli_sweeps import COMMANDS as SWEEP_COMMANDS
+from cosim.console import JSON, SEED, SETS, as_plain_json, bar, set_up_is_done, told_of_compiling, waiting
 from cosim.errors import LocalProtocolError, UserError
 from cosim.units import to_seconds
 from cosim.web.pacing import FASTEST, SLOWEST
@@ -35,13 +37,8 @@ if TYPE_CHECKING:
     from cosim.trace import Table, Trace
     from cosim.web.server import Session
 
-_SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 MOST_NOTICES = 10
 """The most lines that a run says on stderr."""
-COMPILING = "compiling kernels, once: it may take half a minute (cosim warm compiles all beforehand)"
-"""What is said on a terminal before the first kernel is compiled."""
-_SEED = click.IntRange(0, 2**62)
-_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -73,14 +70,8 @@ def _guarded(arguments: Sequence[str] | None) -> int:
     except OSError as error:  # its text ends with the name of the file, if it has one
         return _complain(" ".join(str(error).split()), 1)
     finally:
-        _set_up_is_done()
+        set_up_is_done()
     return code if isinstance(code, int) else 0
-
-
-def _set_up_is_done() -> None:
-    """Look for garbage from now on, but not in what is there."""
-    gc.freeze()
-    gc.enable()
 
 
 def _complain(line: str, code: int) -> int:
@@ -104,25 +95,13 @@ def commands() -> None:
     """Robot teams and their radios on one clock: does an algorithm still work when its messages take their time?"""
 
 
-@contextmanager
-def _told_of_compiling() -> Iterator[None]:
-    """Say on a terminal, once, that kernels are being compiled: those that no cache holds, seconds each."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from cosim.jit import before_compiling
-
-    with before_compiling(lambda: print(COMPILING, file=sys.stderr)):
-        yield
-
-
 # ---------------------------------------------------------------- run
 
 
 @commands.command("run", short_help="Make one run and print its metrics.")
 @click.argument("scenario")
-@click.option("--seed", type=_SEED, help="Instead of the scenario's own.")
-@_SETS
+@click.option("--seed", type=SEED, help="Instead of the scenario's own.")
+@SETS
 @click.option("--trace", "trace", type=click.Path(file_okay=False, path_type=Path), help="Write the tables there.")
 @click.option(
     "--pcapng",
@@ -130,8 +109,8 @@ def _told_of_compiling() -> Iterator[None]:
     metavar="FILE",
     help="Write the frames of Bluetooth and 802.11 radios there, for Wireshark.",
 )
-@_JSON
-@_told_of_compiling()
+@JSON
+@told_of_compiling()
 def run(
     scenario: str,
     seed: int | None,
@@ -151,12 +130,12 @@ def run(
         chosen = _scenario(scenario, (*sets, "protocol.parameters.trace_calls=true"))
     seed = chosen.seed if seed is None else seed
     tables = (*(TABLES.values() if trace else ()), *in_capture)
-    with _naming(scenario, sets), _waiting(f"{chosen.name}, seed {seed}"):
+    with _naming(scenario, sets), waiting(f"{chosen.name}, seed {seed}"):
         simulation = Simulation(chosen, seed, tables)
         for folder in (trace, pcapng and pcapng.parent):
             if folder is not None:  # a folder that cannot be made shows now, not after the run
                 folder.mkdir(parents=True, exist_ok=True)
-        _set_up_is_done()
+        set_up_is_done()
         outcome = simulation.run()
     for line in _few(outcome.notices):
         click.echo(line, err=True)
@@ -167,7 +146,7 @@ def run(
     if as_json:
         found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
         found["notices"] = outcome.notices
-        click.echo(_json(found))
+        click.echo(as_plain_json(found))
         return
     click.echo(_metrics(outcome, seed))
     if trace is not None:
@@ -231,13 +210,6 @@ def _naming(source: str, sets: Sequence[str]) -> Iterator[None]:
         raise UserError(f"--set {blamed}: {rest}" if blamed else f"{source}: {error}") from None
 
 
-def _json(plain: Any) -> str:
-    """Return *plain* as JSON, which knows no NaN: null stands for it."""
-    from cosim.web.messages import finite
-
-    return json.dumps(finite(plain), indent=2, default=str, allow_nan=False)
-
-
 def _metrics(outcome: Outcome, seed: int) -> str:
     units = {metric.name: metric.unit for metric in outcome.metric_columns}
     width = max(map(len, outcome.metrics), default=0)
@@ -295,8 +267,8 @@ def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
 WEB_NEEDS: Final = ("starlette>=0.40", "uvicorn>=0.52.1", "websockets>=13")
 """What the server of the pages is made of: the extra ``web`` of pyproject.toml."""
 _PAGE = (
-    click.option("--seed", type=_SEED, help="Instead of the scenario's own."),
-    _SETS,
+    click.option("--seed", type=SEED, help="Instead of the scenario's own."),
+    SETS,
     click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page, on 127.0.0.1; 0: a free one."),
     click.option("--open", "in_browser", is_flag=True, help="Open the page in the browser."),
     click.option("--paused", is_flag=True, help="Do not begin before the page says so."),
@@ -314,7 +286,7 @@ def _page_options(command: Any) -> Any:
 @commands.command("view", short_help="Show a run in a browser.")
 @click.argument("what")
 @_page_options
-@_told_of_compiling()
+@told_of_compiling()
 def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
     """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
     from cosim.installed import check_libraries
@@ -348,7 +320,7 @@ def _show(session: Session, html: Path | None, port: int, in_browser: bool, secr
         if in_browser:
             webbrowser.open(address)
 
-    _set_up_is_done()
+    set_up_is_done()
     serve(session, html or VIEW, port, secrets.token_urlsafe(16) if secret else None, tell)
 
 
@@ -379,7 +351,7 @@ def _page_command(name: str) -> click.Command | None:
     @click.argument("scenario")
     @_page_options
     @click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, help="Simulated seconds a second.")
-    @_told_of_compiling()
+    @told_of_compiling()
     def operate(
         scenario: str, seed: int | None, sets: tuple[str, ...], paused: bool, speed: float, **showing: Any
     ) -> None:
@@ -408,87 +380,20 @@ def _broken_command(name: str, why: str) -> click.Command:
     return click.Command(name, callback=fail, short_help=why, add_help_option=False, context_settings=anything)
 
 
-# ---------------------------------------------------------------- sweep and report
-
-
-@commands.command("sweep", short_help="Make all runs of an experiment.")
-@click.argument("experiment")
-@click.option("--replicates", type=click.IntRange(min=1), help="Runs of each arm.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are processors by default.")
-@click.option("--dask", metavar="ADDRESS", help="Of a Dask scheduler, whose workers make the runs.")
-@click.option("--quick", is_flag=True, help="Cut down for a first look, as the experiment says.")
-@_SETS
-@click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
-@_JSON
-@_told_of_compiling()
-def sweep(
-    experiment: str,
-    replicates: int | None,
-    jobs: int | None,
-    dask: str | None,
-    quick: bool,
-    sets: tuple[str, ...],
-    output: Path | None,
-    as_json: bool,
-) -> int:
-    """Make all runs of EXPERIMENT, a name or a sweep.yaml, that are not there yet."""
-    from cosim.experiment import find_experiment, load_experiment
-    from cosim.sweep import cluster, default_folder, run_sweep
-
-    if dask is not None and jobs is not None:
-        raise UserError("--jobs: is for processes of this computer, not beside --dask")
-    chosen = load_experiment(find_experiment(experiment), sets, quick, replicates)
-    _set_up_is_done()
-    elsewhere = nullcontext() if dask is None else cluster(dask, chosen)
-    with _keeping(), elsewhere as executor, _bar(chosen.name) as told:
-        summary = run_sweep(chosen, output or default_folder(chosen, quick), jobs, executor, told)
-    if as_json:
-        click.echo(_json(summary._asdict()))
-    else:
-        click.echo(f"{summary.runs} runs, {summary.resumed} of them were there already, in {summary.folder}")
-        for failure in summary.failures:
-            click.echo(f"failed: {failure}", err=True)
-    return 1 if summary.failures else 0
-
-
-@contextmanager
-def _keeping() -> Iterator[None]:
-    """Say with an error of the computer's that a sweep loses nothing by it."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(f"{error}: what is finished is kept") from None
-
-
 @commands.command("report", short_help="Tables and figures of a sweep.")
 @click.argument("results", type=click.Path(path_type=Path))
-@_JSON
+@JSON
 def report(results: Path, as_json: bool) -> None:
     """Print tables and write figures of RESULTS, ours beside the published ones."""
     from cosim.report.sweep_report import report as make_report
 
-    _set_up_is_done()
-    with _waiting(f"reading {results}"):
+    set_up_is_done()
+    with waiting(f"reading {results}"):
         found = make_report(results)
     if as_json:
-        click.echo(_json(found.plain()))
+        click.echo(as_plain_json(found.plain()))
     else:
         click.echo(found.text())
-
-
-@commands.command("export", short_help="Write the table of a sweep as one file.")
-@click.argument("results", type=click.Path(path_type=Path))
-@click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--table", type=click.Choice(["runs", "observations"]), default="runs", help="Which; runs by default.")
-@click.option("--all", "everything", is_flag=True, help="Those of older configurations and code too.")
-@_JSON
-def export(results: Path, output: Path, table: str, everything: bool, as_json: bool) -> None:
-    """Write the rows of the last sweep into RESULTS to OUTPUT, a .parquet (with units and meanings) or a .csv."""
-    from cosim.export.sweeps import export_results
-
-    _set_up_is_done()
-    count = export_results(results, output, table, everything)
-    click.echo(_json({"rows": count, "output": str(output)}) if as_json else f"{count} rows in {output}")
 
 
 # ---------------------------------------------------------------- pin
@@ -496,11 +401,11 @@ def export(results: Path, output: Path, table: str, everything: bool, as_json: b
 
 @commands.command("pin", short_help="Keep what runs compute, and notice when it changes.")
 @click.argument("scenarios", nargs=-1)
-@click.option("--seed", "seeds", type=_SEED, multiple=True, help="Instead of the scenario's own; may be repeated.")
+@click.option("--seed", "seeds", type=SEED, multiple=True, help="Instead of the scenario's own; may be repeated.")
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Write the pins there.")
 @click.option("--check", type=click.Path(dir_okay=False, path_type=Path), help="Compare with the pins there.")
-@_JSON
-@_told_of_compiling()
+@JSON
+@told_of_compiling()
 def pin(
     scenarios: tuple[str, ...], seeds: tuple[int, ...], output: Path | None, check: Path | None, as_json: bool
 ) -> int:
@@ -514,18 +419,20 @@ def pin(
         if output is None or not scenarios:
             raise UserError("pin: expected SCENARIOS and -o FILE, or --check FILE")
         cases = cases_in(scenarios, output.parent, seeds)
-        _set_up_is_done()
-        with _bar("pins") as told:
+        set_up_is_done()
+        with bar("pins") as told:
             write_pins(output, cases, told)
-        click.echo(_json({"runs": len(cases), "pins": str(output)}) if as_json else f"{len(cases)} runs in {output}")
+        click.echo(
+            as_plain_json({"runs": len(cases), "pins": str(output)}) if as_json else f"{len(cases)} runs in {output}"
+        )
         return 0
     if output is not None or scenarios or seeds:
         raise UserError("--check: the runs are those of the file, expected neither SCENARIOS nor --seed nor -o")
     pins = read_pins(check)
     elsewhere = made_elsewhere(pins)
-    _set_up_is_done()
+    set_up_is_done()
     findings = []
-    with _bar("pins") as told:
+    with bar("pins") as told:
         for finding in check_pins(pins, check.parent, told):
             findings.append(finding)
             if not as_json:
@@ -533,7 +440,7 @@ def pin(
     differing = sum(not finding.same for finding in findings)
     if as_json:
         runs = [{**each.case._asdict(), "same": each.same, "text": each.text} for each in findings]
-        click.echo(_json({"runs": runs, "differing": differing, "made_elsewhere": elsewhere}))
+        click.echo(as_plain_json({"runs": runs, "differing": differing, "made_elsewhere": elsewhere}))
     else:
         click.echo(f"{len(findings) - differing} of {len(findings)} runs are the same")
     if elsewhere and differing:
@@ -545,7 +452,7 @@ def pin(
 
 
 @commands.command("warm", short_help="Compile what runs commonly use.")
-@_JSON
+@JSON
 def warm(as_json: bool) -> None:
     """Compile what runs commonly use, by short runs on all processors, so that no other run waits for it."""
     from cosim.warm import short_runs
@@ -554,7 +461,7 @@ def warm(as_json: bool) -> None:
     began = perf_counter()
     runs = short_runs()
     finished = []
-    with _bar("short runs") as told:
+    with bar("short runs") as told:
         for each in make(runs):
             finished.append(each)
             told(len(finished), len(runs))
@@ -563,7 +470,7 @@ def warm(as_json: bool) -> None:
                 click.echo(f"{each.kernels:4d} kernels in {each.wall_s:4.1f} s: {protocol}, {channel}")
     kernels, wall_s = sum(each.kernels for each in finished), perf_counter() - began
     if as_json:
-        click.echo(_json({"kernels": kernels, "wall_s": wall_s, "runs": [each.plain() for each in finished]}))
+        click.echo(as_plain_json({"kernels": kernels, "wall_s": wall_s, "runs": [each.plain() for each in finished]}))
         return
     for protocol, why in {each.run.protocol: each.refused for each in finished if each.refused}.items():
         click.echo(f"left out: {protocol}: {why}")
@@ -575,8 +482,8 @@ def warm(as_json: bool) -> None:
 
 @commands.command("validate", short_help="Say what is wrong with a file.")
 @click.argument("file", type=click.Path(path_type=Path))
-@_SETS
-@_told_of_compiling()
+@SETS
+@told_of_compiling()
 def validate(file: Path, sets: tuple[str, ...]) -> None:
     """Say what is wrong with FILE, a scenario or a sweep.yaml, or print it with all defaults and what they mean."""
     import yaml
@@ -591,7 +498,7 @@ def validate(file: Path, sets: tuple[str, ...]) -> None:
         from cosim.sweep import check_set_up
 
         experiment = load_experiment(file, sets)
-        _set_up_is_done()
+        set_up_is_done()
         check_set_up(experiment)
         base = "parameters" if experiment.settings.scenario is None else "scenario"
         click.echo(yaml.safe_dump(dump(experiment.settings) | {base: experiment.base}, sort_keys=False), nl=False)
@@ -625,7 +532,7 @@ def described(settings: Settings, indent: int = 0) -> Iterator[str]:
 
 
 @commands.command("list", short_help="Print what there is to run.")
-@_JSON
+@JSON
 def list_all(as_json: bool) -> None:
     """Print the experiments, protocols, channels and maps that there are."""
     from cosim.channels.kinds import channel_kinds
@@ -683,42 +590,8 @@ def _maps() -> dict[str, str]:
     return maps
 
 
-# ---------------------------------------------------------------- progress
-
-
-@contextmanager
-def _waiting(text: str) -> Iterator[None]:
-    """Show on a terminal that something is under way; its length is not known."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(text):
-        yield
-
-
-@contextmanager
-def _bar(name: str) -> Iterator[Any]:
-    """Give a function (done, total) that moves a bar on a terminal and is silent elsewhere."""
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        bar = progress.add_task(name, total=None)
-        yield lambda done, total: progress.update(bar, completed=done, total=total)
-
+for each in SWEEP_COMMANDS:
+    commands.add_command(each)
 
 if __name__ == "__main__":
     main()

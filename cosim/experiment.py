@@ -19,6 +19,7 @@ are validated with them, and hold all their defaults, as a scenario does; a tupl
 """
 
 import itertools
+import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
@@ -176,6 +177,8 @@ class Experiment:
     arms: tuple[Arm, ...]
     replicates: int
     seed: int
+    given: tuple[str, ...] = ()
+    """What ``--quick`` and ``--set`` have changed, as ``path=value``."""
 
 
 # ---------------------------------------------------------------- finding
@@ -272,7 +275,7 @@ def load_experiment(
     A path in *sets* that is an axis's, or the name of its column, leaves only the given value on that axis. Raise
     UserError for whatever is wrong.
     """
-    path = Path(path)
+    path, sets = Path(path), tuple(sets)
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     columns = _columns(settings.sweep, str(path))
     given = _given(sets, settings, columns)
@@ -286,7 +289,8 @@ def load_experiment(
     wanted = replicates or (settings.quick.replicates if quick else settings.replicates)
     seed = base["seed"] if settings.scenario is not None else settings.seed
     name = settings.name or path.resolve().parent.name
-    return Experiment(name, path, settings, base, axes, arms, wanted, seed)
+    short = [f"{key}={json.dumps(value)}" for key, value in settings.quick.set.items()] if quick else []
+    return Experiment(name, path, settings, base, axes, arms, wanted, seed, (*short, *sets))
 
 
 def base_scenario(path: str | Path, sets: Iterable[str] = ()) -> Scenario:

@@ -77,6 +77,11 @@ def installed_names(group: str) -> list[str]:
     return sorted(_points(group))
 
 
+def module_of(group: str, name: str) -> str:
+    """Return the module that *name*, an entry point of *group* or ``module:name``, leads to; load nothing."""
+    return name.partition(":")[0] if ":" in name else _points(group)[name].module
+
+
 def find_installed(group: str, name: str, kind: type[T], what: str) -> T:
     """Return the *kind* that *name* leads to: an entry point of *group*, or ``module:name``. *what* it is called.
 

@@ -2,41 +2,47 @@
 
     FOLDER/runs/part-00000-RUNS-OBSERVATIONS.parquet          a row a run
     FOLDER/observations/part-00000-RUNS-OBSERVATIONS.parquet  a row for each thing that a run counts more than once
+    FOLDER/SHA256SUMS                                         the SHA-256 of each file, as sha256sum --check reads it
 
-A part is one batch of finished runs and one row group. Its name tells the digests of the bytes of both files (of one,
-where nothing was observed): a damaged part is noticed. (Parquet's own check sums leave out the schema and the metadata,
-four fifths of a small part.) The observations of a batch are renamed into place before its runs: a run whose row is
-there is there whole. Observations without runs (the process was killed in between) and runs whose observations are gone
-are ignored and cleared away.
+A part is a batch of finished runs and one row group. Its name tells the digests of the bytes of both files (of one,
+where nothing was observed): a damaged part is noticed. (Parquet's own checksums, which are written too, leave out the
+schema and the metadata, four fifths of a small part.) The observations of a batch are renamed into place before its
+runs: a run whose row is there is there whole. Observations without runs (the process was killed in between) and runs
+whose observations are gone are ignored and cleared away.
 
 All parts of a table have one schema: any reader takes the folder as it is. When a column is added, or needs another
-type, the parts that are there are written anew before anything else is. The name of such a part ends in ``-for-`` and
-the digest of the name of the part that it replaces: while both are there (the process was killed in between) the old
-one is ignored, and the next sweep clears it away.
+type, the parts that are there are written anew before anything else is. Parts of one minute are merged into one. In
+both cases the new part is on the disk before the old ones go: a run may be in two parts if the process was killed in
+between, and the first counts.
 """
 
 import hashlib
 import io
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from cosim.columns import conformed, schema_of
 from cosim.errors import UserError
 from cosim.trace import Field, drafted
 
 TABLES: Final = ("runs", "observations")
+MANIFEST: Final = "SHA256SUMS"
+"""The file with the SHA-256 of all parts."""
+Key: TypeAlias = tuple[str, int, str]
+"""(configuration digest, seed, code digest)"""
+KEY_NAMES: Final = ("configuration", "seed", "code")
+"""The columns of a key."""
+MINUTE_S: Final = 60.0
+"""Parts that were written within the same such span are merged."""
 
-_NAME: Final = re.compile(
-    r"part-(?P<number>\d+)-(?P<runs>[0-9a-f]{16})(?:-(?P<observations>[0-9a-f]{16}))?"
-    r"(?:-for-(?P<replaced>[0-9a-f]{16}))?\.parquet"
-)
-"""The name of a part: the digests of its runs, of its observations, and of the name of the part that it replaces.
-
-Those of older programs tell none.
-"""
+_NAME: Final = re.compile(r"part-(?P<number>\d+)-(?P<runs>[0-9a-f]{16})(?:-(?P<observations>[0-9a-f]{16}))?\.parquet")
+"""The name of a part: the digests of its runs and of its observations. Those of older programs tell none."""
+_LISTED: Final = re.compile(r"(?P<digest>[0-9a-f]{64})  (?P<path>(?:runs|observations)/part-[\w-]+\.parquet)")
+"""A line of the manifest."""
 
 
 class Parts:
@@ -50,12 +56,10 @@ class Parts:
         return sorted(part for part in (self.folder / table).glob("part-*.parquet") if part.is_file())
 
     def whole(self) -> list[Path]:
-        """Return the parts of ``runs`` whose observations are there, if they had any, and which no other replaces."""
+        """Return the parts of ``runs`` whose observations are there, if they had any."""
         there = {part.name for part in self.files("observations")}
         names = [(part, _NAME.fullmatch(part.name)) for part in self.files("runs")]
-        whole = [(part, name) for part, name in names if not (name and name["observations"]) or part.name in there]
-        replaced = {name["replaced"] for _, name in whole if name}
-        return [part for part, _ in whole if _digest(part.name.encode()) not in replaced]
+        return [part for part, name in names if not (name and name["observations"]) or part.name in there]
 
     def whole_of(self, table: str) -> list[Path]:
         """Return the files of *table* that belong to whole parts."""
@@ -63,12 +67,18 @@ class Parts:
         return [part for part in self.files(table) if part.name in names]
 
     def tidy(self) -> None:
-        """Clear away what a killed writer left."""
+        """Clear away what a killed writer left, and list what is there."""
         whole = {part.name for part in self.whole()}
         drafts = [draft for table in (".", *TABLES) for draft in (self.folder / table).glob(".*.part")]
         halves = [part for table in TABLES for part in self.files(table) if part.name not in whole]
         for path in (*drafts, *halves):
             path.unlink()
+        there = {f"{part.parent.name}/{part.name}": part for table in TABLES for part in self.files(table)}
+        listed = self.listed()
+        if listed.keys() != there.keys():
+            self._list({name: listed.get(name) or _digest(part.read_bytes()) for name, part in there.items()})
+
+    # ------------------------------------------------------------ reading
 
     def read(self, part: Path, columns: Sequence[str] | None = None) -> Any:
         """Return the Arrow table in *part*; raise UserError if that is damaged."""
@@ -79,8 +89,8 @@ class Parts:
         name = _NAME.fullmatch(part.name)
         digest = name and name[part.parent.name]
         try:
-            if digest in (None, _digest(data)):
-                table = pq.read_table(io.BytesIO(data), columns=columns)
+            if digest in (None, _digest(data)[:16]):
+                table = pq.read_table(io.BytesIO(data), columns=columns, page_checksum_verification=True)
                 if table.column_names:
                     return table
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -89,6 +99,22 @@ class Parts:
         # the next sweep clears away observations without runs
         which = "it" if part.parent.name == "runs" else "the file of that name in runs"
         raise UserError(f"{part}: is not a whole Parquet file; delete {which} and sweep again") from None
+
+    def keys(self, part: Path) -> list[Key]:
+        """Return the keys of the runs in *part*, a file of ``runs``, row by row."""
+        columns = self.read(part, list(KEY_NAMES))
+        return list(zip(*(columns[name].to_pylist() for name in KEY_NAMES), strict=True))
+
+    def tables(self, table: str) -> Iterator[Any]:
+        """Yield the rows of *table* part by part, as Arrow tables: those of each run once."""
+        seen: set[Key] = set()
+        for part in self.whole():
+            keys = self.keys(part)
+            new = set(keys) - seen
+            file = self.folder / table / part.name
+            if new and (table == "runs" or file.is_file()):
+                yield _only(self.read(file), new, seen)
+            seen |= new
 
     def schema(self, part: Path) -> Any:
         """Return the Arrow schema of *part*; raise UserError if that cannot be read."""
@@ -100,35 +126,153 @@ class Parts:
         except (pa.ArrowException, OSError, UnicodeDecodeError):
             return self.read(part).schema  # or what is wrong
 
-    def add(self, tables: Mapping[str, Any]) -> None:
-        """Write a part, of the Arrow tables of one batch: runs, and observations if there are any."""
-        self._write(tables, f"{len(self.files('runs')):05}")
+    # ------------------------------------------------------------ writing
 
-    def conform(self, columns: Mapping[str, Sequence[Field]]) -> None:
-        """Write those parts anew that have other columns than their tables are to have, and remove the old ones.
+    def add(self, tables: Mapping[str, Any]) -> Path:
+        """Write a part, of the Arrow tables of one batch: runs, and observations if there are any; return its runs."""
+        files = {table: _parquet(tables[table]) for table in TABLES if table in tables}
+        digests = {table: _digest(data) for table, data in files.items()}
+        name = f"part-{self._next():05}-{'-'.join(digest[:16] for digest in digests.values())}.parquet"
+        for table, data in reversed(files.items()):  # observations first: see above
+            with drafted(self.folder / table / name, self.folder) as draft:
+                draft.write_bytes(data)
+        with (self.folder / MANIFEST).open("a", encoding="ascii") as manifest:
+            manifest.writelines(f"{digest}  {table}/{name}\n" for table, digest in digests.items())
+            manifest.flush()
+            os.fsync(manifest.fileno())
+        return self.folder / "runs" / name
 
+    def merge(self, parts: Sequence[Path], columns: Mapping[str, Sequence[Field]], without: Iterable[Key] = ()) -> None:
+        """Write *parts*, files of ``runs``, and their observations anew as one part with *columns*; remove the old.
+
+        What has a key of *without* is left out.
         Raise UserError for a part that is damaged, or that cannot have these columns.
         """
-        schemas = {table: schema_of(fields) for table, fields in columns.items()}
-        for part in self.whole():
-            files = {table: self.folder / table / part.name for table in TABLES}
-            files = {table: file for table, file in files.items() if file.is_file()}
-            if all(self.schema(file).equals(schemas[table]) for table, file in files.items()):
-                continue
-            tables = {}
-            for table, file in files.items():
-                with fitting(file.parent):
-                    tables[table] = conformed(self.read(file), columns[table])
-            self._write(tables, part.name.split("-")[1], f"-for-{_digest(part.name.encode())}")
-            for file in files.values():  # runs first: without them observations are nothing
-                file.unlink()
+        import pyarrow as pa
 
-    def _write(self, tables: Mapping[str, Any], number: str, ending: str = "") -> None:
-        files = {table: _parquet(tables[table]) for table in TABLES if table in tables}
-        name = f"part-{'-'.join((number, *map(_digest, files.values())))}{ending}.parquet"
-        for table, data in reversed(files.items()):  # observations first: see above
-            with drafted(self.folder / table / name) as draft:
-                draft.write_bytes(data)
+        tables: dict[str, list[Any]] = {table: [] for table in TABLES}
+        seen: set[Key] = set(without)
+        for part in parts:
+            new = set(self.keys(part)) - seen
+            for table in TABLES:
+                file = self.folder / table / part.name
+                if new and file.is_file():
+                    with fitting(file.parent):
+                        tables[table].append(conformed(_only(self.read(file), new, seen), columns[table]))
+            seen |= new
+        written = parts[-1].stat().st_mtime
+        if not any(map(len, tables["runs"])):
+            self.remove(parts)
+            return
+        joined = {table: pa.concat_tables(each) for table, each in tables.items() if table == "runs" or any(each)}
+        merged = self.add(joined)
+        os.utime(merged, (written, written))  # it is as old as what it holds
+        self.remove([part for part in parts if part != merged])
+
+    def take(self, others: "Parts", columns: Mapping[str, Sequence[Field]], there: set[Key]) -> int:
+        """Add a part for each part of *others*, without rows whose keys are *there*; return how many rows are new."""
+        added = 0
+        for part in others.whole():
+            keys = others.keys(part)
+            new = set(keys) - there
+            tables = {}
+            for table in TABLES:
+                file = others.folder / table / part.name
+                if new and file.is_file():
+                    rows = _only(others.read(file), new, there)
+                    if table == "runs" or len(rows):
+                        tables[table] = conformed(rows, columns[table])
+            if tables:
+                self.add(tables)
+            there |= new
+            added += len(new)
+        return added
+
+    def drop(self, keys: set[Key], columns: Mapping[str, Sequence[Field]]) -> None:
+        """Remove all rows with one of *keys*."""
+        for part in self.whole():
+            if not keys.isdisjoint(self.keys(part)):
+                self.merge([part], columns, keys)
+
+    def conform(self, columns: Mapping[str, Sequence[Field]]) -> None:
+        """Write those parts anew that have other columns than their tables are to have."""
+        schemas = {table: schema_of(fields) for table, fields in columns.items()}
+
+        def fits(part: Path) -> bool:
+            files = {table: self.folder / table / part.name for table in TABLES}
+            return all(self.schema(file).equals(schemas[table]) for table, file in files.items() if file.is_file())
+
+        for parts in self._of_one_making(part for part in self.whole() if not fits(part)):
+            self.merge(parts, columns)
+
+    def merge_minutes(self, columns: Mapping[str, Sequence[Field]], before_s: float = float("inf")) -> None:
+        """Merge the parts of each minute that ended before *before_s*, a time of the computer's clock."""
+        minutes: dict[float, list[Path]] = {}
+        for part in self.whole():
+            minutes.setdefault(part.stat().st_mtime // MINUTE_S, []).append(part)
+        for minute, parts in minutes.items():
+            if len(parts) > 1 and (minute + 1) * MINUTE_S <= before_s:
+                for alike in self._of_one_making(parts):
+                    if len(alike) > 1:
+                        self.merge(alike, columns)
+
+    def _of_one_making(self, parts: Iterable[Path]) -> list[list[Path]]:
+        """Return *parts* in groups that tell the same of where they come from: settings, versions, commit."""
+        groups: dict[frozenset[tuple[bytes, bytes]], list[Path]] = {}
+        for part in parts:
+            told = {name: text for name, text in (self.schema(part).metadata or {}).items() if name != b"ARROW:schema"}
+            groups.setdefault(frozenset(told.items()), []).append(part)
+        return list(groups.values())
+
+    def remove(self, parts: Iterable[Path]) -> None:
+        """Remove *parts*, files of ``runs``, with their observations."""
+        names = {part.name for part in parts}
+        if not names:
+            return
+        for table in TABLES:  # runs first: without them observations are nothing
+            for name in names:
+                (self.folder / table / name).unlink(missing_ok=True)
+        self._list({path: digest for path, digest in self.listed().items() if Path(path).name not in names})
+
+    def _next(self) -> int:
+        """Return the number of the next part."""
+        names = [_NAME.fullmatch(part.name) for part in self.files("runs")]
+        return max((int(name["number"]) for name in names if name), default=-1) + 1
+
+    # ------------------------------------------------------------ the manifest
+
+    def listed(self) -> dict[str, str]:
+        """Return what the manifest lists, the SHA-256 of each file by its path; lines without sense are nothing."""
+        try:
+            text = (self.folder / MANIFEST).read_text(encoding="ascii", errors="replace")
+        except FileNotFoundError:
+            return {}
+        lines = map(_LISTED.fullmatch, text.splitlines())
+        return {line["path"]: line["digest"] for line in lines if line}
+
+    def damaged(self) -> list[str]:
+        """Return a line for each file that is not what was written: changed, cut short, gone or half there."""
+        listed, told = self.listed(), []
+        there = {f"{part.parent.name}/{part.name}": part for table in TABLES for part in self.files(table)}
+        whole = {part.name for part in self.whole()}
+        for path, part in sorted(there.items()):
+            if path in listed and _digest(part.read_bytes()) != listed[path]:
+                told.append(f"{part}: is not what was written there")
+                continue
+            try:
+                self.read(part)
+            except UserError:
+                told.append(f"{part}: is not a whole Parquet file")
+                continue
+            if part.name not in whole:
+                told.append(f"{part}: its {'observations' if part.parent.name == 'runs' else 'runs'} are gone")
+            elif path not in listed:
+                told.append(f"{part}: is not listed in {MANIFEST}")
+        return told + [f"{self.folder / path}: is gone" for path in sorted(listed.keys() - there.keys())]
+
+    def _list(self, digests: Mapping[str, str]) -> None:
+        with drafted(self.folder / MANIFEST) as draft:
+            draft.write_text("".join(f"{digest}  {path}\n" for path, digest in sorted(digests.items())), "ascii")
 
 
 @contextmanager
@@ -144,13 +288,21 @@ def fitting(folder: Path) -> Any:
         raise UserError(f"{folder}: the parts do not fit together, expected a folder for each sweep: {error}") from None
 
 
+def _only(table: Any, new: set[Key], seen: set[Key]) -> Any:
+    """Return the rows of *table* whose keys are *new*: all, unless some are in *seen*."""
+    keys = list(zip(*(table[name].to_pylist() for name in KEY_NAMES), strict=True)) if seen else []
+    if not seen or all(key in new for key in keys):
+        return table
+    return table.filter([key in new for key in keys])
+
+
 def _parquet(table: Any) -> bytes:
     import pyarrow.parquet as pq
 
     file = io.BytesIO()
-    pq.write_table(table, file)
+    pq.write_table(table, file, write_page_checksum=True)
     return file.getvalue()
 
 
 def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:16]
+    return hashlib.sha256(data).hexdigest()

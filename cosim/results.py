@@ -8,11 +8,8 @@ All parts of a table have the same columns (``cosim.parts``). A sweep resumes by
 without the keys (configuration digest, seed, code digest) that are there.
 """
 
-import hashlib
-import importlib.util
 import itertools
 import json
-import math
 import os
 import subprocess
 import sys
@@ -20,15 +17,19 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from time import time
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import Field as Setting
+from pydantic import model_validator
 
 from cosim import __version__
 from cosim.columns import array_of, columns_of_rows, columns_of_schema, conformed, kind_of, table_of, union
 from cosim.documents import validated
 from cosim.errors import UserError
-from cosim.parts import Parts, fitting
+from cosim.parts import MINUTE_S, Parts, fitting
 from cosim.protocol import Metric
 from cosim.settings import Count, PlainData, Settings
 from cosim.trace import Field, arrow_field, drafted
@@ -49,18 +50,17 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Row: TypeAlias = dict[str, Any]
-Key: TypeAlias = tuple[str, int, str]
-"""(configuration digest, seed, code digest)"""
 
 KEY: Final = (
     Field("configuration", "str", "", "SHA-256 of the run's settings with all defaults"),
     Field("seed", "int", "", "seed of the run; all arms of a replicate share it"),
-    Field("code", "str", "", "SHA-256 of the program's sources"),
+    Field("code", "str", "", "SHA-256 of what decides the run beside its settings: sources, data files, libraries"),
 )
 FIXED: Final = (
     Field("experiment", "str", "", "name of the experiment"),
     Field("replicate", "int", "", "number of the repetition, from 0"),
     *KEY,
+    Field("libraries", "str", "", "versions of the libraries that compute", optional=True),
     Field("status", "str", "", "done, or failed"),
     Field("error", "str", "", "what went wrong, in one line", optional=True),
     Field("wall_s", "float", "s", "time that the run took on the computer"),
@@ -79,9 +79,10 @@ OBSERVATION_FIXED: Final = (*KEY, Field("replicate", "int", "", "number of the r
 SEVERAL: Final = "several settings"
 """The meaning of an axis that is none of one setting."""
 
-PACKAGES: Final = ("cosim", "protocols", "experiments")
 _LIBRARIES: Final = ("simpy", "numpy", "numba", "scipy", "shapely", "networkx", "pydantic", "pyarrow")
 
+RUN: Final = ("configuration", "replicate")
+"""The columns that tell which run of a sweep a row belongs to."""
 _FIXED_OF: Final = {"runs": FIXED, "observations": OBSERVATION_FIXED}
 """The fixed columns of both tables."""
 
@@ -115,9 +116,46 @@ class SweepDescription(Settings):
     axes: dict[str, AxisDescription]
     replicates: Count = Setting(ge=1)
     report: ReportSettings
+    given: tuple[str, ...] = ()
+    """What ``--quick`` and ``--set`` have changed, as ``path=value``."""
+    seed: int = 1
+    """Of the first replicate."""
     configurations: tuple[str, ...]
-    """Of the arms, in the order of the axes."""
-    code: str
+    """Of the arms, in their order."""
+    labels: tuple[tuple[PlainData, ...], ...] = ()
+    """The values of the axes in each arm; in a sweep.json of an older program none: there it is the product of all."""
+    codes: tuple[str, ...]
+    """Of the arms."""
+    libraries: dict[str, str] = Setting(default_factory=dict)
+    """The versions of the libraries that compute, by code digest."""
+    accepted: tuple[str, ...] = ()
+    """Digests of older code whose rows count as well."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _older(cls, plain: Any) -> Any:
+        """Take the description of an older program, in which all arms had one code digest."""
+        if isinstance(plain, dict) and "code" in plain and "codes" not in plain:
+            plain = dict(plain)
+            arms = plain.get("configurations")
+            plain["codes"] = [plain.pop("code")] * (len(arms) if isinstance(arms, list | tuple) else 0)
+        return plain
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if len(self.codes) != len(self.configurations):
+            raise ValueError(f"has {len(self.configurations)} configurations, but {len(self.codes)} codes")
+        if not self.labels:
+            product = tuple(itertools.product(*(axis.values for axis in self.axes.values())))
+            object.__setattr__(self, "labels", product)  # frozen
+        if len(self.labels) != len(self.configurations) or any(len(each) != len(self.axes) for each in self.labels):
+            raise ValueError(f"has {len(self.configurations)} configurations, but labels of {len(self.labels)} arms")
+        return self
+
+    @property
+    def runs(self) -> int:
+        """Number of rows that the sweep has when it is finished: arms with the same settings have a row each."""
+        return len(self.configurations) * self.replicates
 
 
 class RunStore:
@@ -125,9 +163,10 @@ class RunStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._parts = Parts(folder)
-        self._columns: dict[str, list[Field]] = {}
+        self.parts = Parts(folder)
+        self.columns: dict[str, list[Field]] = {}
         """Of the parts of each table, while they are being written."""
+        self._merged_s = time()
 
     @contextmanager
     def writing(self) -> Any:
@@ -140,17 +179,70 @@ class RunStore:
         except (BlockingIOError, PermissionError):  # by POSIX, by Windows
             raise UserError(f"{self.folder}: another sweep is writing there, expected a folder of its own") from None
         else:
-            self._parts.tidy()
-            self._columns = {table: self._columns_of(table) for table in _FIXED_OF}
+            self.parts.tidy()
+            self.columns = {table: self.columns_of(table) for table in _FIXED_OF}
             yield self
+            self.parts.merge_minutes(self.columns)
         finally:
             os.close(lock)  # the kernel lets the lock go with it, also when the process is killed
 
-    def done(self) -> set[Key]:
-        """Return the keys of all rows that are there."""
-        names = [field.name for field in KEY]
-        tables = [self._parts.read(part, names) for part in self._parts.whole()]
-        return {(row["configuration"], row["seed"], row["code"]) for table in tables for row in table.to_pylist()}
+    def done(self, told: SweepDescription) -> "npt.NDArray[np.bool_]":
+        """Return for each arm and replicate of *told* whether its run is there: (arms, replicates)."""
+        found = np.zeros((len(told.configurations), told.replicates), dtype=bool)
+        arms = _arms_of(told)
+        for part in self.parts.whole():
+            for configuration, seed, code in self.parts.keys(part):
+                for arm in arms.get(configuration, ()):
+                    if 0 <= seed - told.seed < told.replicates and code in (told.codes[arm], *told.accepted):
+                        found[arm, seed - told.seed] = True
+        return found
+
+    def failed(self, told: SweepDescription) -> list[Row]:
+        """Return those rows of *told* that tell of a failure, without their metrics."""
+        names = [field.name for field in FIXED]
+        codes = {*told.codes, *told.accepted}
+        rows = (row for part in self.parts.whole() for row in self._failures_in(part, names))
+        arms = _arms_of(told)
+        return [row for row in rows if row["configuration"] in arms and row["code"] in codes]
+
+    def drop_failed(self, told: SweepDescription) -> None:
+        """Remove the rows of *told* that tell of a failure, so that these runs are made again."""
+        keys = {(row["configuration"], row["seed"], row["code"]) for row in self.failed(told)}
+        if keys:
+            self.parts.drop(keys, self.columns)
+
+    def seconds_of_runs(self, told: SweepDescription) -> dict[int, float]:
+        """Return how long a run of each arm of *told* takes on average, as far as any was made, by whatever code."""
+        arms = _arms_of(told)
+        taken: dict[int, list[float]] = {}
+        for part in self.parts.whole():
+            rows = self.parts.read(part, ["configuration", "wall_s", "status"]).to_pylist()
+            for row in rows:
+                for arm in arms.get(row["configuration"], ()) if row["status"] == "done" else ():
+                    taken.setdefault(arm, []).append(row["wall_s"])
+        return {arm: float(np.mean(each)) for arm, each in taken.items()}
+
+    def is_being_written(self) -> bool:
+        """Return whether a sweep is writing here."""
+        try:
+            lock = os.open(self.folder / ".lock", os.O_RDWR)
+        except OSError:
+            return False
+        try:
+            _lock(lock)
+        except (BlockingIOError, PermissionError):
+            return True
+        finally:
+            os.close(lock)
+        return False
+
+    def _failures_in(self, part: Path, names: Sequence[str]) -> list[Row]:
+        import pyarrow.compute as pc
+
+        there = [name for name in names if name in self.parts.schema(part).names]
+        table = self.parts.read(part, there)
+        found: list[Row] = table.filter(pc.equal(table["status"], "failed")).to_pylist()
+        return found
 
     def declare(self, runs: Sequence[Field] = (), observations: Sequence[Field] = ()) -> None:
         """Have all parts hold these columns after the fixed ones, then what else older parts hold; to be called first.
@@ -158,8 +250,8 @@ class RunStore:
         Parts that are there and lack some of them, or hold them otherwise, are written anew.
         """
         for table, fields in (("runs", runs), ("observations", observations)):
-            self._columns[table] = union(_FIXED_OF[table], fields, self._columns[table])
-        self._parts.conform(self._columns)
+            self.columns[table] = union(_FIXED_OF[table], fields, self.columns[table])
+        self.parts.conform(self.columns)
 
     def append(
         self, runs: Sequence[Row], observations: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, str]
@@ -169,14 +261,17 @@ class RunStore:
         A column that was not there before is added to all parts.
         """
         rows = {table: each for table, each in (("runs", runs), ("observations", observations)) if each}
-        columns = self._columns | {
-            table: union(_FIXED_OF[table], self._columns[table], columns_of_rows(each, fields))
+        columns = self.columns | {
+            table: union(_FIXED_OF[table], self.columns[table], columns_of_rows(each, fields))
             for table, each in rows.items()
         }
-        if columns != self._columns:
-            self._columns = columns
-            self._parts.conform(self._columns)
-        self._parts.add({table: table_of(each, columns[table], metadata) for table, each in rows.items()})
+        if columns != self.columns:
+            self.columns = columns
+            self.parts.conform(self.columns)
+        self.parts.add({table: table_of(each, columns[table], metadata) for table, each in rows.items()})
+        if time() // MINUTE_S > self._merged_s // MINUTE_S:
+            self._merged_s = time()
+            self.parts.merge_minutes(self.columns, self._merged_s)
 
     def describe(self, description: SweepDescription) -> None:
         """Write down what the present sweep is."""
@@ -218,62 +313,76 @@ class RunStore:
     def present_rows(self, table: str) -> Any:
         """Return what ``present`` returns as an Arrow table, with unit and meaning of each column."""
         import pyarrow as pa
-        import pyarrow.compute as pc
 
         told = self.description()
-        arms = pa.array(told.configurations, pa.string())
+        chosen = self.chosen(told)
 
         def belonging(part: Any) -> Any:
-            ours = pc.and_(pc.is_in(part["configuration"], arms), pc.equal(part["code"], told.code))
-            return part.filter(pc.and_(ours, pc.less(part["replicate"], told.replicates)))
+            keys = zip(*(part[name].to_pylist() for name in ("configuration", "replicate", "code")), strict=True)
+            return part.filter(pa.array([chosen.get(key[:2]) == key[2] for key in keys], pa.bool_()))
 
         found = self._joined(table, belonging)
-        ranks = {digest: rank for rank, digest in enumerate(told.configurations)}
-        rank = pa.array([ranks[each] for each in found["configuration"].to_pylist()], pa.int64())
-        order = pc.sort_indices(
-            pa.table({"rank": rank, "replicate": found["replicate"]}),
-            [("rank", "ascending"), ("replicate", "ascending")],
-        )
-        found = self._labelled(found.take(order), told, rank.take(order).to_pylist())
+        places: dict[tuple[str, int], list[int]] = {}
+        for place, key in enumerate(zip(*(found[name].to_pylist() for name in RUN), strict=True)):
+            places.setdefault(key, []).append(place)
+        order, ranks = [], []
+        for arm, configuration in enumerate(told.configurations):
+            for replicate in range(told.replicates):
+                rows = places.get((configuration, replicate), [])
+                order += rows
+                ranks += [arm] * len(rows)
+        found = self._labelled(found.take(pa.array(order, pa.int64())), told, ranks)
         fixed = {field.name for field in _FIXED_OF[table]}
         empty = [name for name in found.column_names if found[name].null_count == len(found) and name not in fixed]
         return found.drop_columns(empty if len(found) else [])
 
+    def chosen(self, told: SweepDescription) -> dict[tuple[str, int], str]:
+        """Return which code's row counts for each configuration and replicate of *told*: its own, or one accepted."""
+        arms = _arms_of(told)
+        found: dict[tuple[str, int], str] = {}
+        for part in self.parts.whole():
+            columns = self.parts.read(part, [*RUN, "code"])
+            for configuration, replicate, code in zip(
+                *(columns[name].to_pylist() for name in (*RUN, "code")), strict=True
+            ):
+                if configuration not in arms or replicate >= told.replicates:
+                    continue
+                ranked = (told.codes[arms[configuration][0]], *told.accepted)
+                best = found.get((configuration, replicate))
+                if code in ranked and (best is None or ranked.index(code) < ranked.index(best)):
+                    found[configuration, replicate] = code
+        return found
+
     def _labelled(self, table: Any, told: SweepDescription, ranks: Sequence[int]) -> Any:
         """Return *table*, its rows of the arms numbered *ranks*, with the arms' values of the axes as *told*.
 
-        Rows that were made before there was an axis do not have its values, and a value that was a number became a text
-        if another sweep into this folder had texts on an axis of that name.
+        Rows that were made before there was an axis do not have its values, a value that was a number became a text
+        if another sweep into this folder had texts on an axis of that name, and arms with the same settings have one
+        row on the disk.
         """
         import pyarrow as pa
 
-        axes, configurations = told.axes, told.configurations
-        if not len(configurations) == len(set(configurations)) == math.prod(len(axis.values) for axis in axes.values()):
-            return table  # arms that are the same run: which of them a row belongs to only its own columns know
-        arms = list(itertools.product(*(axis.values for axis in axes.values())))
-        for number, (name, axis) in enumerate(axes.items()):
-            field = Field(name, kind_of(axis.values), "", axis.path or SEVERAL, optional=True)
-            there = name in table.column_names and table[name].null_count == 0
-            if there and columns_of_schema(table.select([name]).schema)[0].kind == field.kind:
-                continue
+        for number, (name, axis) in enumerate(told.axes.items()):
+            values = [arm[number] for arm in told.labels]
+            field = Field(name, kind_of(values), "", axis.path or SEVERAL, optional=True)
             try:
-                values = array_of([arms[rank][number] for rank in ranks], field.kind)
+                column = array_of([values[rank] for rank in ranks], field.kind)
             except (pa.ArrowException, KeyError, ValueError):  # such as no sweep has
                 raise UserError(f"{self.folder / 'sweep.json'}: axes.{name}.values: are no values of an axis") from None
             place = table.column_names.index(name) if name in table.column_names else table.num_columns
             kept = table.drop_columns([name]) if name in table.column_names else table
-            table = kept.add_column(place, arrow_field(field), values)
+            table = kept.add_column(place, arrow_field(field), column)
         return table
 
     def units(self) -> dict[str, tuple[str, str]]:
         """Return (unit, meaning) of every column of ``runs``."""
-        schemas = [self._parts.read(part).schema for part in self._parts.whole()]
+        schemas = [self.parts.read(part).schema for part in self.parts.whole()]
         described = [(field.name, field.metadata or {}) for schema in schemas for field in schema]
         return {name: (each.get(b"unit", b"").decode(), each.get(b"meaning", b"").decode()) for name, each in described}
 
-    def _columns_of(self, table: str) -> list[Field]:
+    def columns_of(self, table: str) -> list[Field]:
         """Return all columns of the parts of *table*."""
-        schemas = (self._parts.schema(part) for part in self._parts.whole_of(table))
+        schemas = (self.parts.schema(part) for part in self.parts.whole_of(table))
         return union(_FIXED_OF[table], *map(columns_of_schema, schemas))
 
     def _joined(self, table: str, chosen: Callable[[Any], Any]) -> Any:
@@ -281,10 +390,18 @@ class RunStore:
         import pyarrow as pa
 
         with fitting(self.folder / table):
-            tables = [chosen(self._parts.read(part)) for part in self._parts.whole_of(table)]
+            tables = [chosen(each) for each in self.parts.tables(table)]
             columns = union(_FIXED_OF[table], *(columns_of_schema(each.schema) for each in tables))
             empty = table_of([], columns, {})
             return pa.concat_tables([empty, *(conformed(each, columns).replace_schema_metadata() for each in tables)])
+
+
+def _arms_of(told: SweepDescription) -> dict[str, list[int]]:
+    """Return the numbers of the arms with each configuration."""
+    found: dict[str, list[int]] = {}
+    for arm, configuration in enumerate(told.configurations):
+        found.setdefault(configuration, []).append(arm)
+    return found
 
 
 def metric_fields(metrics: Iterable[Metric]) -> list[Field]:
@@ -293,33 +410,6 @@ def metric_fields(metrics: Iterable[Metric]) -> list[Field]:
 
 
 # ---------------------------------------------------------------- where results come from
-
-
-def code_digest(packages: Iterable[str] = PACKAGES) -> str:
-    """Return the SHA-256 of all Python sources of *packages* (or single modules): other code gives other results.
-
-    What stands below another, such as ``protocols.mine``, is taken with all that stands beside it in its folder.
-    """
-    sources: dict[Path, str] = {}
-    for name in sorted(set(packages)):
-        for root, path in _sources(name):
-            sources.setdefault(path, f"{name}/{path.relative_to(root).as_posix()}")
-    result = hashlib.sha256()
-    for path, called in sources.items():
-        result.update(f"{called}\0".encode() + path.read_bytes() + b"\0")
-    return result.hexdigest()
-
-
-def _sources(name: str) -> list[tuple[Path, Path]]:
-    spec = importlib.util.find_spec(name)
-    if spec is None:
-        return []
-    roots = [Path(root) for root in spec.submodule_search_locations or ()]
-    if "." in name:
-        roots = [place.parent for place in roots or [Path(spec.origin or "")]]
-    if roots:
-        return [(root, path) for root in roots for path in sorted(root.rglob("*.py"))]
-    return [(Path(spec.origin).parent, Path(spec.origin))] if spec.origin else []
 
 
 def provenance() -> dict[str, str]:

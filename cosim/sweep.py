@@ -1,84 +1,104 @@
 """A sweep: all arms and replicates of an experiment on several processes, every finished run kept, resumed by itself.
 
 The seed of a run comes from its replicate, never from its arm: all arms see the same worlds (common random numbers),
-and differences between arms are paired. What a row holds does not depend on how many processes there were.
+and differences between arms are paired. What a row holds does not depend on how many processes there were, or where.
 """
 
-import gc
 import json
-import multiprocessing
 import os
-import signal
 import sys
-import threading
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
 from pathlib import Path
+from socket import gethostname
 from time import monotonic, perf_counter
-from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel
+
+from cosim.channels.kinds import ChannelSettings
 from cosim.columns import kind_of
 from cosim.errors import UserError
-from cosim.experiment import Arm, Experiment, find_function, named
-from cosim.installed import check_libraries
+from cosim.experiment import Arm, Experiment, find_function, load_experiment, named
+from cosim.installed import installed_folders, installed_names, module_of
+from cosim.processes import NO_LIMITS, Limits, Pool
 from cosim.protocol import Metric
 from cosim.results import (
-    PACKAGES,
     SEVERAL,
     AxisDescription,
     Row,
     RunStore,
     SweepDescription,
-    code_digest,
     metric_fields,
     provenance,
-    versions,
 )
 from cosim.scenario import digest
 from cosim.simulation import Simulation, simulate
+from cosim.sources import Origin, closure, differing, origin
 from cosim.trace import Field
+from cosim.upkeep import told_time
 
-Progress: TypeAlias = Callable[[int, int], None]
-"""Told (runs that are finished, runs in all)."""
+Progress: TypeAlias = Callable[[int, int, int], None]
+"""Told (runs that are finished, runs in all, how many of the finished failed)."""
+Asked: TypeAlias = tuple[int, int]
+"""A run: (number of its arm, replicate)."""
 
-Asked = TypeVar("Asked")
-Made = TypeVar("Made")
-
-BATCH_S = 1.0
+BATCH_S: Final = 1.0
 """Runs shorter than this are written together, as soon as one finishes this long after the last writing."""
 
 _SET_UP: Final[Any] = {"floorplan": True, "team": True, "channel": True, "protocol": {"use": True}}
 """What of a scenario decides whether its runs can be set up, and which metrics they have."""
-
-CLUSTER_NEEDS = ("distributed>=2024.8",)
-"""The extra ``cluster`` of pyproject.toml."""
-CLUSTER_WAIT_S = 10.0
-"""Patience with a Dask scheduler that does not answer, and with one that has no worker."""
-CLUSTER_TRIES = 5
-"""How often one tries to be a client of a scheduler that is busy."""
+_PROTOCOLS, _CHANNELS, _MAPS = "cosim.protocols", "cosim.channels", "cosim.maps"
+"""Groups of entry points."""
 
 
-class Task(NamedTuple):
-    """One run that is to be made."""
+class Shard(NamedTuple):
+    """One of several equal parts of a sweep, each of which is made on a computer of its own."""
 
-    arm: Arm
-    replicate: int
-    seed: int
+    number: int
+    """From 1."""
+    of: int
+
+    @classmethod
+    def parse(cls, text: str) -> "Shard":
+        """Return the shard that *text*, such as 3/10, means; raise UserError if it means none."""
+        number, slash, of = text.partition("/")
+        if not (slash and number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
+            raise UserError(f"--shard: {text!r} is no shard, expected one such as 3/10: the third of ten")
+        return cls(int(number), int(of))
+
+
+WHOLE: Final = Shard(1, 1)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How a sweep is made, none of which decides what a run computes."""
+
+    shard: Shard = WHOLE
+    accepted: tuple[str, ...] = ()
+    """Digests of older code whose rows count as well."""
+    retry_failed: bool = False
+    """True if runs that failed are made again."""
+    fail_fast: bool = False
+    """True if the sweep ends with the first run that fails."""
+    limits: Limits = NO_LIMITS
 
 
 @dataclass
 class Finished:
-    """What became of a task."""
+    """What became of a run."""
 
-    task: Task
+    arm: int
+    replicate: int
     wall_s: float
     error: str | None = None
     digest: str | None = None
     metrics: dict[str, float] = field(default_factory=dict)
-    columns: tuple[Field, ...] = ()
-    """Unit and meaning of its metrics or observations, as far as they are declared."""
     observations: list[Row] = field(default_factory=list)
 
 
@@ -96,53 +116,106 @@ class Summary(NamedTuple):
 # ---------------------------------------------------------------- one run
 
 
-def execute(task: Task) -> Finished:
-    """Make one run; whatever goes wrong in it becomes its error, and the sweep goes on."""
-    started = perf_counter()
-    try:
-        result = _simulated(task) if task.arm.scenario is not None else _called(task)
-    except Exception as error:  # noqa: BLE001  # the error is recorded in the run's row; other runs go on
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        result = Finished(task, 0.0, error=text)
-    result.wall_s = perf_counter() - started
-    return result
+class Execution:
+    """What makes runs of *arms*, by number, of an experiment whose first replicate has the seed *first_seed*."""
+
+    def __init__(self, arms: Mapping[int, Arm], first_seed: int) -> None:
+        self.arms = arms
+        self.first_seed = first_seed
+
+    def __call__(self, asked: Asked) -> Finished:
+        """Make one run; whatever goes wrong in it becomes its error, and the sweep goes on."""
+        number, replicate = asked
+        arm, seed = self.arms[number], self.first_seed + replicate
+        started = perf_counter()
+        finished = Finished(number, replicate, 0.0)
+        try:
+            if arm.scenario is not None:
+                outcome = simulate(arm.scenario, seed)
+                finished.digest, finished.metrics = outcome.digest, dict(outcome.metrics)
+            else:
+                _call(arm, seed, finished)
+        except Exception as error:  # noqa: BLE001  # the error is recorded in the run's row; other runs go on
+            text = " ".join(f"{type(error).__name__}: {error}".split())
+            finished = Finished(number, replicate, 0.0, error=text)
+        finished.wall_s = perf_counter() - started
+        return finished
+
+    def anywhere(self) -> "Execution":
+        """Return it with the folders of its maps in full: a process elsewhere stands in another one."""
+        return Execution({number: _placed(arm) for number, arm in self.arms.items()}, self.first_seed)
+
+    def of(self, asked: Iterable[Asked]) -> "Execution":
+        """Return it with no more arms than *asked* needs."""
+        return Execution({number: self.arms[number] for number, _ in asked}, self.first_seed)
 
 
-def _simulated(task: Task) -> Finished:
-    assert task.arm.scenario is not None
-    outcome = simulate(task.arm.scenario, task.seed)
-    columns = tuple(metric_fields(outcome.metric_columns))
-    return Finished(task, 0.0, None, outcome.digest, dict(outcome.metrics), columns)
-
-
-def _called(task: Task) -> Finished:
-    assert task.arm.run is not None
-    function = find_function(task.arm.run, "sweep.yaml")
-    answer = function(task.arm.parameters, task.seed)
-    declared = getattr(sys.modules.get(function.__module__), "COLUMNS", ())
-    columns = tuple(field._replace(optional=True) for field in declared)  # a run that failed has none
+def _call(arm: Arm, seed: int, finished: Finished) -> None:
+    """Call the function of *arm*, and put its answer into *finished*."""
+    assert arm.run is not None
+    answer = find_function(arm.run, "sweep.yaml")(arm.parameters, seed)
+    finished.digest = digest(answer)
     if isinstance(answer, dict):
-        metrics = {name: float(value) for name, value in answer.items()}
-        columns = tuple(field._replace(kind="float") for field in columns)
-        return Finished(task, 0.0, None, digest(answer), metrics, columns)
-    return Finished(task, 0.0, None, digest(answer), columns=columns, observations=list(answer))
+        finished.metrics = {name: float(value) for name, value in answer.items()}
+    else:
+        finished.observations = list(answer)
+
+
+def _placed(arm: Arm) -> Arm:
+    return arm if arm.scenario is None else replace(arm, scenario=arm.scenario.placed(arm.scenario.folder.resolve()))
+
+
+def lost(asked: Asked, why: str) -> Finished:
+    """Return what stands for a run that ended its process, or was ended."""
+    return Finished(*asked, 0.0, error=why)
+
+
+# ---------------------------------------------------------------- engines
+
+
+class Engine(Protocol):
+    """What makes runs somewhere: on processes of our own, or on a cluster."""
+
+    def __call__(
+        self,
+        execution: Execution,
+        todo: Iterable[Asked],
+        count: int,
+        begin: Callable[[], str | None],
+        limits: Limits,
+    ) -> Iterator[Finished]:
+        """Yield what becomes of each of *todo*, about *count* runs, in any order.
+
+        *begin* is called first wherever runs are made: what it returns, if not None, refuses that process.
+        """
+
+
+def own_processes(jobs: int | None = None) -> Engine:
+    """Return the engine that makes runs on *jobs* new processes, one for each processor by default.
+
+    One run at a time without limits is made in this process.
+    """
+
+    def run(
+        execution: Execution, todo: Iterable[Asked], count: int, begin: Callable[[], str | None], limits: Limits
+    ) -> Iterator[Finished]:
+        workers = min(jobs or os.cpu_count() or 1, count)
+        if workers <= 1 and limits == NO_LIMITS:
+            yield from map(execution, todo)
+            return
+        with Pool(workers, execution.anywhere(), lost, begin, limits) as pool:
+            yield from pool.run(todo, count)
+
+    return run
 
 
 # ---------------------------------------------------------------- all of them
 
 
-def default_folder(experiment: Experiment, quick: bool) -> Path:
-    """Return where results go if the user does not say: a quick sweep does not mix with a full one."""
-    return Path("results") / (f"{experiment.name}-quick" if quick else experiment.name)
-
-
-def tasks(experiment: Experiment) -> list[Task]:
-    """Return all runs of *experiment*, replicate by replicate: a sweep that is cut short has seen every arm."""
-    return [
-        Task(arm, replicate, experiment.seed + replicate)
-        for replicate in range(experiment.replicates)
-        for arm in experiment.arms
-    ]
+def default_folder(experiment: Experiment, quick: bool, shard: Shard = WHOLE) -> Path:
+    """Return where results go if the user does not say: a quick sweep does not mix with a full one, nor do shards."""
+    of = "" if shard == WHOLE else f"-shard-{shard.number}-of-{shard.of}"
+    return Path("results") / f"{experiment.name}{'-quick' if quick else ''}{of}"
 
 
 def check_set_up(experiment: Experiment) -> list[Field]:
@@ -172,42 +245,133 @@ def run_sweep(
     experiment: Experiment,
     folder: str | Path,
     jobs: int | None = None,
-    executor: Executor | None = None,
-    progress: Progress = lambda done, total: None,
+    engine: Engine | None = None,
+    progress: Progress = lambda done, total, failed: None,
+    choice: Choice = Choice(),  # it is frozen
 ) -> Summary:
-    """Make the runs of *experiment* that *folder* does not hold yet, on *executor* or on *jobs* processes of our own.
+    """Make the runs of *experiment* that *folder* does not hold yet, on *jobs* processes of our own, or on *engine*.
 
-    With one job everything happens in this process. An interrupt leaves what is finished in *folder*, as does an
-    OSError (a full disk, a dead worker process), which is raised.
+    An interrupt leaves what is finished in *folder*, as does an OSError (a full disk, a dead worker process), which is
+    raised. Raise UserError if a worker has other code or libraries than this process, or, if *choice* wants that, with
+    the first run that fails.
     """
     folder = Path(folder)
-    metrics = check_set_up(experiment)
-    code = code_digest(_packages(experiment))
-    every = tasks(experiment)
+    columns = check_set_up(experiment)
+    origins = origins_of(experiment)
+    told = description_of(experiment, origins, choice.accepted)
     store = RunStore(folder)
     with store.writing():
         axes = _axis_fields(experiment)
-        store.declare([*axes, *metrics], axes)
-        store.describe(_description(experiment, code))
-        done = store.done()
-        todo = [task for task in every if (task.arm.configuration, task.seed, code) not in done]
-        resumed = len(every) - len(todo)
-        _fill(_Batch(store, experiment, code), todo, jobs, executor, lambda n: progress(resumed + n, len(every)))
-    return Summary(folder, len(every), resumed, _failures(store, experiment))
+        store.declare([*axes, *columns], axes)
+        store.describe(told)
+        if choice.retry_failed:
+            store.drop_failed(told)
+        wanted = _wanted(told, choice.shard)
+        todo = wanted & ~store.done(told)
+        count, total = int(todo.sum()), int(wanted.sum())
+        finished = (engine or own_processes(jobs))(
+            Execution(dict(enumerate(experiment.arms)), experiment.seed),
+            ((int(arm), int(replicate)) for replicate, arm in np.argwhere(todo.T)),
+            count,
+            Refusal(origins),
+            choice.limits,
+        )
+        counted = _Count(total - count, total, 0, progress)
+        _fill(_Batch(store, experiment, told), finished, counted, choice.fail_fast)
+    return Summary(folder, total, total - count, _failures(store, told, wanted))
 
 
-def _fill(
-    batch: "_Batch",
-    todo: Sequence[Task],
-    jobs: int | None,
-    executor: Executor | None,
-    progress: Callable[[int], None],
-) -> None:
+class Planned(NamedTuple):
+    """What a sweep would do."""
+
+    folder: Path
+    runs: int
+    there: int
+    to_do: int
+    hours: float | None
+    """Time that it is expected to take; None if no such run has been made yet."""
+    jobs: int
+
+    def text(self) -> str:
+        """Return it as a line."""
+        told = f"{self.runs} runs in {self.folder}: {self.there} are there, {self.to_do} to do"
+        if not self.to_do:
+            return told
+        if self.hours is None:
+            return f"{told}; how long that takes is not known before some have been made"
+        return f"{told}, about {told_time(self.hours * 3600)} on {self.jobs} processes"
+
+
+def planned(experiment: Experiment, folder: Path, jobs: int | None, choice: Choice) -> Planned:
+    """Return what a sweep of *experiment* into *folder* would do; make nothing."""
+    told = description_of(experiment, origins_of(experiment), choice.accepted)
+    store = RunStore(folder)
+    wanted = _wanted(told, choice.shard)
+    todo = wanted & ~store.done(told)
+    known = store.seconds_of_runs(told)
+    workers = jobs or os.cpu_count() or 1
+    usual = float(np.mean(list(known.values()))) if known else None
+    hours = None
+    if usual is not None:
+        needed = (count * known.get(arm, usual) for arm, count in enumerate(todo.sum(axis=1)))
+        hours = float(sum(needed)) / workers / 3600
+    count, total = int(todo.sum()), int(wanted.sum())
+    return Planned(folder, total, total - count, count, hours, workers)
+
+
+def command_of(store: RunStore, row: int) -> list[str]:
+    """Return the words of the command that repeats the run in *row* of what ``store.present()`` returns."""
+    told = store.description()
+    runs = store.present_rows("runs")
+    if row >= len(runs):
+        raise UserError(f"{store.folder}: has {len(runs)} rows, from 0, expected one of them, not {row}")
+    asked = runs.slice(row, 1).to_pylist()[0]
+    labels = told.labels[told.configurations.index(asked["configuration"])]
+    sets = [*told.given, *(f"{name}={value}" for name, value in zip(told.axes, labels, strict=True))]
+    experiment = load_experiment(told.source, sets)
+    (arm,) = experiment.arms
+    if arm.run is None:
+        options = [word for each in sets for word in ("--set", each)]
+        return ["cosim", "run", told.source, *options, "--seed", str(asked["seed"])]
+    module, _, function = arm.run.partition(":")
+    return ["python", "-c", f"from {module} import {function}; print({function}({arm.parameters!r}, {asked['seed']}))"]
+
+
+@dataclass
+class _Count:
+    """How far a sweep is."""
+
+    done: int
+    total: int
+    failed: int
+    progress: Progress
+
+    def add(self, failed: bool) -> None:
+        self.done += 1
+        self.failed += failed
+        self.progress(self.done, self.total, self.failed)
+
+
+def _wanted(told: SweepDescription, shard: Shard) -> "npt.NDArray[np.bool_]":
+    """Return which runs the sweep *told* makes in *shard*: (arms, replicates); of arms with the same settings one.
+
+    Runs are dealt out replicate by replicate: a sweep that is cut short has seen every arm.
+    """
+    arms = len(told.configurations)
+    first = np.array([told.configurations.index(each) == arm for arm, each in enumerate(told.configurations)])
+    number = np.arange(arms * told.replicates).reshape(told.replicates, arms).T
+    wanted: npt.NDArray[np.bool_] = first[:, None] & (number % shard.of == shard.number - 1)
+    return wanted
+
+
+def _fill(batch: "_Batch", finished: Iterator[Finished], count: _Count, fail_fast: bool) -> None:
     try:
-        with closing(_finished(todo, jobs, executor)) as results:  # a full disk must end the worker processes too
-            for count, finished in enumerate(results, start=1):
-                batch.add(finished)
-                progress(count)
+        with closing(finished):  # type: ignore[type-var]  # a full disk must end the worker processes too
+            for each in finished:
+                batch.add(each)
+                count.add(each.error is not None)
+                if fail_fast and each.error is not None:
+                    raise UserError(f"{batch.named(each)}: {each.error}; --fail-fast ends the sweep with it")
     finally:  # also when interrupted: what is finished is kept
         batch.flush()
 
@@ -215,12 +379,13 @@ def _fill(
 class _Batch:
     """Finished runs on their way to the disk."""
 
-    def __init__(self, store: RunStore, experiment: Experiment, code: str) -> None:
+    def __init__(self, store: RunStore, experiment: Experiment, told: SweepDescription) -> None:
         self._store = store
         self._experiment = experiment
-        self._code = code
+        self._told = told
         self._axes = _axis_fields(experiment)
         self._metadata = {"experiment": experiment.name, "scenario": json.dumps(experiment.base)} | provenance()
+        self._declared: dict[str, tuple[Field, ...]] = {}
         self._waiting: list[Finished] = []
         self._written = monotonic()
 
@@ -235,32 +400,54 @@ class _Batch:
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, []
-        columns = {column.name: column for finished in waiting for column in finished.columns}
-        runs = [self._run(finished) for finished in waiting]
-        seen = [_blank(finished) | self._key(finished) | row for finished in waiting for row in finished.observations]
-        self._store.append(runs, seen, [*self._axes, *columns.values()], self._metadata)
+        declared = {column.name: column for each in waiting for column in self._columns(each)}
+        runs = [self._run(each) for each in waiting]
+        seen = [self._blank(each) | self._key(each) | row for each in waiting for row in each.observations]
+        self._store.append(runs, seen, [*self._axes, *declared.values()], self._metadata)
         self._written = monotonic()
 
+    def named(self, finished: Finished) -> str:
+        """Return which run *finished* is."""
+        labels = self._experiment.arms[finished.arm].labels
+        return f"{named(labels)}, seed {self._experiment.seed + finished.replicate}"
+
+    def _columns(self, finished: Finished) -> tuple[Field, ...]:
+        """Return the columns that the function of *finished* declares, if a function has made it."""
+        run = self._experiment.arms[finished.arm].run
+        if run is None or finished.error is not None:
+            return ()
+        if run not in self._declared:
+            module = find_function(run, "sweep.yaml").__module__
+            declared = getattr(sys.modules.get(module), "COLUMNS", ())
+            self._declared[run] = tuple(each._replace(optional=True) for each in declared)  # a run that failed has none
+        columns = self._declared[run]
+        return tuple(each._replace(kind="float") for each in columns) if finished.metrics else columns
+
+    def _blank(self, finished: Finished) -> Row:
+        """Return what is declared of a run's metrics or observations, without values: it has all of these columns."""
+        return {column.name: None for column in self._columns(finished)}
+
     def _key(self, finished: Finished) -> Row:
-        arm, replicate, seed = finished.task
-        key = {"configuration": arm.configuration, "seed": seed, "code": self._code, "replicate": replicate}
+        arm = self._experiment.arms[finished.arm]
+        key = {
+            "configuration": arm.configuration,
+            "seed": self._experiment.seed + finished.replicate,
+            "code": self._told.codes[finished.arm],
+            "replicate": finished.replicate,
+        }
         return key | arm.labels
 
     def _run(self, finished: Finished) -> Row:
         fixed = {
             "experiment": self._experiment.name,
+            "libraries": self._told.libraries[self._told.codes[finished.arm]],
             "status": "failed" if finished.error else "done",
             "error": finished.error,
             "wall_s": finished.wall_s,
             "digest": finished.digest,
         }
-        blank = _blank(finished) if finished.metrics else {}
+        blank = self._blank(finished) if finished.metrics else {}
         return blank | fixed | self._key(finished) | finished.metrics
-
-
-def _blank(finished: Finished) -> Row:
-    """Return what is declared of a run's metrics or observations, without values: it has all of these columns."""
-    return {field.name: None for field in finished.columns}
 
 
 def _axis_fields(experiment: Experiment) -> list[Field]:
@@ -270,13 +457,20 @@ def _axis_fields(experiment: Experiment) -> list[Field]:
     ]
 
 
-def _failures(store: RunStore, experiment: Experiment) -> tuple[str, ...]:
-    rows = store.present().query("status == 'failed'").to_dict("records")
-    names = [axis.name for axis in experiment.axes]
-    return tuple(f"{named({n: row[n] for n in names})}, seed {row['seed']}: {row['error']}" for row in rows)
+def _failures(store: RunStore, told: SweepDescription, wanted: "npt.NDArray[np.bool_]") -> tuple[str, ...]:
+    """Return a line for each run of the sweep that failed, in the order of the arms."""
+    found = []
+    arms = {configuration: arm for arm, configuration in reversed(list(enumerate(told.configurations)))}
+    for row in store.failed(told):
+        arm, replicate = arms[row["configuration"]], row["seed"] - told.seed
+        if 0 <= replicate < told.replicates and wanted[arm, replicate]:
+            labels = dict(zip(told.axes, told.labels[arm], strict=True))
+            found.append((arm, replicate, f"{named(labels)}, seed {row['seed']}: {row['error']}"))
+    return tuple(line for _, _, line in sorted(found))
 
 
-def _description(experiment: Experiment, code: str) -> SweepDescription:
+def description_of(experiment: Experiment, origins: "Origins", accepted: Sequence[str] = ()) -> SweepDescription:
+    """Return what the sweep.json of *experiment* tells."""
     return SweepDescription(
         experiment=experiment.name,
         about=experiment.settings.about,
@@ -287,154 +481,94 @@ def _description(experiment: Experiment, code: str) -> SweepDescription:
         },
         replicates=experiment.replicates,
         report=experiment.settings.report,
+        given=experiment.given,
+        seed=experiment.seed,
         configurations=tuple(arm.configuration for arm in experiment.arms),
-        code=code,
+        labels=tuple(tuple(arm.labels.values()) for arm in experiment.arms),
+        codes=tuple(each.code for each in origins.by_arm),
+        libraries={each.code: each.libraries for each in origins.by_arm},
+        accepted=tuple(accepted),
     )
 
 
-def _packages(experiment: Experiment) -> set[str]:
-    """Return the packages whose sources decide the results: ours, and those of a user's protocol or function."""
-    modules = {arm.scenario.protocol.spec.parameters.__module__ for arm in experiment.arms if arm.scenario is not None}
-    modules |= {arm.run for arm in experiment.arms if arm.run is not None}
-    return {*PACKAGES, *map(_package, modules)} - {"__main__"}
+# ---------------------------------------------------------------- where results come from
 
 
-def _package(module: str) -> str:
-    """Return the package that *module* belongs to; a user's own below ``protocols`` is none of ours."""
-    top, *below = module.partition(":")[0].split(".")
-    return ".".join((top, *below[:1])) if top in PACKAGES else top
+class Roots(NamedTuple):
+    """Where the sources of a run begin: modules, and folders of data that it may read."""
+
+    modules: frozenset[str]
+    folders: tuple[Path, ...] = ()
 
 
-# ---------------------------------------------------------------- processes
+class Origins(NamedTuple):
+    """What decides the runs of an experiment beside their settings."""
+
+    by_arm: tuple[Origin, ...]
+    by_roots: dict[Roots, Origin]
 
 
-def _finished(todo: Sequence[Task], jobs: int | None, executor: Executor | None) -> Generator[Finished, None, None]:
-    workers = min(jobs or os.cpu_count() or 1, len(todo))
-    if executor is not None:
-        yield from _from(executor, execute, [_anywhere(task) for task in todo])
-    elif workers <= 1:
-        yield from map(execute, todo)
-    else:
-        yield from in_processes(workers, execute, todo)
+def origins_of(experiment: Experiment) -> Origins:
+    """Return what decides the runs of each arm of *experiment*."""
+    roots = [_roots(arm) for arm in experiment.arms]
+    found = {each: origin(*each) for each in dict.fromkeys(roots)}
+    return Origins(tuple(found[each] for each in roots), found)
 
 
-def in_processes(workers: int, function: Callable[[Asked], Made], todo: Sequence[Asked]) -> Generator[Made, None, None]:
-    """Yield what *function* returns for each of *todo*, as it is finished by one of as many new processes as *workers*.
+def _roots(arm: Arm) -> Roots:
+    """Return where the sources of the runs of *arm* begin.
 
-    They end with the caller, and at once if it is interrupted. Raise ChildProcessError if one of them dies.
+    What is found by an entry point no import names: the protocol and the channels of a scenario. A function that can
+    make runs of robots may choose any that are installed, and any of the maps.
     """
-    strangers = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
-    try:
-        yield from _from(
-            pool, function, todo, cancel=False
-        )  # that is left to the pool: it fails over futures others cancelled
-    except BaseException:  # the runs under way would keep us waiting
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - strangers:
-            child.terminate()
-        raise
-    pool.shutdown()
+    if arm.scenario is not None:
+        kinds = {module_of(_CHANNELS, kind) for kind in _kinds(arm.scenario.channel)}
+        return Roots(frozenset({"cosim.simulation", module_of(_PROTOCOLS, arm.scenario.protocol.use), *kinds}))
+    assert arm.run is not None
+    return _roots_of_function(arm.run.partition(":")[0])
 
 
-def _from(
-    executor: Executor, function: Callable[[Asked], Made], todo: Sequence[Asked], cancel: bool = True
-) -> Generator[Made, None, None]:
-    futures: list[Future[Made]] = [executor.submit(function, each) for each in todo]
-    try:
-        for future in as_completed(futures):
-            yield future.result()
-    except BrokenExecutor:
-        raise ChildProcessError("a worker process died (killed, or out of memory)") from None
-    finally:
-        for future in futures if cancel else ():
-            future.cancel()
+@cache
+def _roots_of_function(module: str) -> Roots:
+    if "cosim.scenario" not in closure([module]):
+        return Roots(frozenset({module}))
+    entries = {module_of(group, name) for group in (_PROTOCOLS, _CHANNELS) for name in installed_names(group)}
+    return Roots(frozenset({module, *entries}), tuple(installed_folders(_MAPS).values()))
 
 
-def _anywhere(task: Task) -> Task:
-    """Return *task* with the folder of its maps in full: a process elsewhere stands in another one."""
-    scenario = task.arm.scenario
-    if scenario is None:
-        return task
-    return task._replace(arm=replace(task.arm, scenario=scenario.placed(scenario.folder.resolve())))
+def _kinds(value: Any) -> Iterator[str]:
+    """Yield the kinds of the channels in *value*: a channel may consist of others."""
+    if isinstance(value, ChannelSettings):
+        yield value.kind
+    if isinstance(value, BaseModel):
+        value = [getattr(value, name) for name in type(value).model_fields]
+    for each in value if isinstance(value, list | tuple) else ():
+        yield from _kinds(each)
 
 
-def _begin_worker() -> None:
-    """Set a worker up: what its imports have made is not looked through again whenever garbage is collected (5 %)."""
-    gc.freeze()
-    _die_with_parent()
+class Refusal:
+    """What refuses a process that has other code or libraries than this one: see ``Engine``."""
+
+    def __init__(self, origins: Origins) -> None:
+        self.expected = tuple(origins.by_roots.items())
+        self._key = tuple(each.code for each in origins.by_roots.values())
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Refusal) and self._key == other._key
+
+    def __call__(self) -> str | None:
+        """Return why no runs are to be made in the process that asks; None if they may be."""
+        return _refused(self)
 
 
-def _die_with_parent() -> None:
-    """Leave interrupts to the parent, and end when it is gone: a worker cannot see that its queue is dead."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-# ---------------------------------------------------------------- many machines
-
-
-@contextmanager
-def cluster(address: str, experiment: Experiment) -> Iterator[Executor]:
-    """Give an executor on the workers of the Dask scheduler at *address*, for the runs of *experiment*.
-
-    Raise UserError if the extra is not installed, nobody answers, there is no worker, or one of them has other code or
-    libraries than this process; ChildProcessError if the cluster loses a run.
-    """
-    check_libraries("sweeps on a cluster", CLUSTER_NEEDS)
-    from distributed import KilledWorker
-
-    with _client_of(address) as client:
-        try:
-            client.wait_for_workers(1, CLUSTER_WAIT_S)
-        except TimeoutError:
-            raise UserError(f"--dask {address}: the scheduler has no worker, expected one at least") from None
-        packages = sorted(_packages(experiment))
-        ours = _makings(packages)
-        for worker, theirs in client.run(_makings, packages, on_error="return").items():
-            _check_worker(f"--dask {address}: worker {worker}", ours, theirs)
-        try:
-            yield client.get_executor(pure=False)
-        except KilledWorker as error:
-            raise ChildProcessError(
-                f"--dask {address}: several workers died in a run, at last {error.last_worker.address}"
-            ) from None
-        except CancelledError:
-            raise ChildProcessError(f"--dask {address}: the scheduler has gone") from None
-
-
-def _client_of(address: str) -> Any:
-    """Return a client of the Dask scheduler at *address*; raise UserError if nobody answers there."""
-    from distributed import Client
-    from distributed.comm import resolve_address
-
-    try:
-        resolve_address(address)  # a client that never had an address does not close
-        for _ in range(CLUSTER_TRIES):
-            # a client takes it for a fault of its own if a busy scheduler's second message comes along with the first
-            with suppress(AssertionError):
-                return Client(address, timeout=CLUSTER_WAIT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise UserError(f"--dask {address}: no Dask scheduler answers there: {error}") from None
-    raise UserError(f"--dask {address}: the scheduler is too busy to answer")
-
-
-def _makings(packages: Sequence[str]) -> dict[str, str]:
-    """Return what beside the settings decides results here: versions of libraries, digests of the sources."""
-    return versions() | {f"the sources of {name}": code_digest([name]) for name in packages}
-
-
-def _check_worker(worker: str, ours: Mapping[str, str], theirs: Mapping[str, str] | BaseException) -> None:
-    if isinstance(theirs, BaseException):
-        raise UserError(f"{worker}: cosim cannot be used there: {type(theirs).__name__}: {theirs}")
-    other = [name for name, value in ours.items() if theirs.get(name) != value]
-    if other:
-        raise UserError(f"{worker}: has others than this computer: {', '.join(other)}; expected the same installation")
+@lru_cache(maxsize=1)  # a worker asks before each batch
+def _refused(refusal: Refusal) -> str | None:
+    for roots, ours in refusal.expected:
+        theirs = origin(*roots)
+        if theirs.code != ours.code:
+            told = ", ".join(differing(ours, theirs)) or "the order of its parts"
+            return f"a worker on {gethostname()} has others than the sweep began with: {told}"
+    return None

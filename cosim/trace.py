@@ -10,6 +10,7 @@ pyarrow is imported by who reads or writes a file: a run that keeps no tables do
 import dataclasses
 import hashlib
 import os
+import sys
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -307,17 +308,32 @@ def write_parquet(table: Any, path: Path) -> None:
 
 
 @contextmanager
-def drafted(path: Path) -> Iterator[Path]:
-    """Give the path of a draft beside *path*, which takes its place when it is written and on the disk."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+def drafted(path: Path, folder: Path | None = None) -> Iterator[Path]:
+    """Give the path of a draft, which takes the place of *path* when it is written, and is on the disk then.
+
+    The draft is made in *folder*, on the same file system; beside *path*, if that is not given.
+    """
+    draft = (folder or path.parent) / f".{path.name}.{os.getpid()}.part"
     try:
         yield draft
         with draft.open("rb+") as file:
             os.fsync(file.fileno())  # a rename may reach the disk before what was written: 5 ms
         draft.replace(path)
+        sync_folder(path.parent)
     except BaseException:
         draft.unlink(missing_ok=True)
         raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the names of the files in *folder* on the disk: without that a power cut may undo a rename."""
+    if sys.platform == "win32":  # which opens no folders
+        return
+    file = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
 
 
 def _attributes(kind: type, table: Table) -> tuple[str | None, ...]:

@@ -12,9 +12,9 @@ from typing import Any, Final, NamedTuple
 
 from cosim.errors import UserError
 from cosim.jit import counted_compilations
+from cosim.processes import in_processes
 from cosim.scenario import build, protocol_names
 from cosim.simulation import simulate
-from cosim.sweep import in_processes
 
 FADING: Final = {"model": "log_distance"}
 CHANNELS: Final[Mapping[str, Mapping[str, Any]]] = {

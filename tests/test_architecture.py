@@ -15,14 +15,14 @@ PACKAGES = ("cosim", "protocols", "experiments")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 LINES = (
-    "units errors arrays caches jit elementary installed page",
+    "units errors arrays caches sources processes jit elementary installed page",
     "randomness settings geometry documents",
     "observation machine protocol navigation",
     "trace kernel",
     "world",
     "robots channels",
-    "node faults scenario simulation columns parts results experiment sweep",
-    "report export web testing parallel env pins warm data_dictionary cli __main__",
+    "node faults scenario simulation columns parts results upkeep experiment sweep cluster",
+    "report export web testing parallel env pins warm data_dictionary console cli_sweeps cli __main__",
 )
 """The layers of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
@@ -37,17 +37,18 @@ OWNERS = {
     "pyarrow": {"trace", "columns", "parts", "results", "report", "export"},
     "pandas": {"trace", "results", "report", "export"},
     "numba": {"jit"},
-    "click": {"cli"},
-    "rich": {"cli"},
+    "click": {"console", "cli_sweeps", "cli"},
+    "rich": {"console"},
     "starlette": {"web"},
     "uvicorn": {"web"},
     "websockets": {"web"},
     "gymnasium": {"parallel"},
     "pettingzoo": {"parallel"},
-    "dask": {"sweep"},
-    "distributed": {"sweep"},
+    "dask": {"cluster"},
+    "distributed": {"cluster"},
+    "dask_jobqueue": {"cluster"},
     "random": set(),
-    "time": {"sweep", "results", "web", "warm", "cli"},
+    "time": {"processes", "sweep", "cluster", "results", "upkeep", "web", "warm", "cli"},
     "datetime": {"sweep", "results", "cli"},
 }
 """Modules from outside that only these layers of cosim may import; the wall clock only where a run is timed."""

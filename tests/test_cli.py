@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 import yaml
 
-from cosim.cli import COMPILING, main, nested_calls
+from cosim.cli import main, nested_calls
+from cosim.console import COMPILING
 from cosim.documents import read_yaml
 from cosim.jit import njit
 from cosim.protocol import Metric

@@ -1,3 +1,4 @@
+import importlib
 import json
 import os
 import shutil
@@ -6,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,12 @@ import pandas as pd
 import pytest
 import yaml
 
+from cosim.cluster import on_cluster
 from cosim.errors import UserError
 from cosim.experiment import Experiment, load_experiment
+from cosim.processes import NO_LIMITS
 from cosim.results import RunStore
-from cosim.sweep import cluster, execute, run_sweep, tasks
+from cosim.sweep import Choice, Execution, run_sweep
 from tests.checkout import DATA
 
 ROBOTS: dict[str, Any] = {
@@ -57,9 +59,12 @@ def rows(folder: Path) -> pd.DataFrame:
     return RunStore(folder).present().drop(columns="wall_s")
 
 
-def test_all_arms_of_a_replicate_share_its_seed():
-    listed = tasks(experiment(ROBOTS, "seed=7"))
-    assert [(task.replicate, task.seed) for task in listed] == [(0, 7)] * 4 + [(1, 8)] * 4
+def test_all_arms_of_a_replicate_share_its_seed(tmp_path: Path):
+    done = []
+    run_sweep(experiment(ROBOTS, "seed=7"), tmp_path / "r", jobs=1, progress=lambda *_: done.append(1))
+    table = rows(tmp_path / "r")
+    assert table.groupby("seed")["calls"].count().to_dict() == {7: 4, 8: 4}
+    assert (table["seed"] - table["replicate"]).eq(7).all()
 
 
 def test_a_sweep_of_robots_fills_the_table_of_runs(tmp_path: Path):
@@ -90,13 +95,47 @@ def test_more_replicates_and_arms_only_add_what_is_missing(tmp_path: Path):
     assert rows(tmp_path / "r")["delay_s"].tolist() == [s * 0.5 + seed for s in (2, 3, 4) for seed in (1, 2, 3, 4)]
 
 
-def test_edited_code_is_run_again(tmp_path: Path):
+def edit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
+    source = tmp_path / "delays.py"
+    source.write_text(source.read_text().replace(old, new))
+    monkeypatch.delitem(sys.modules, "delays")  # as in a new process
+    importlib.invalidate_caches()
+
+
+def test_edited_code_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
+    edit(tmp_path, monkeypatch, "* 0.5", "* 0.25")
+    assert run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1).resumed == 0
+    assert rows(tmp_path / "r")["delay_s"].tolist() == [s * 0.25 + seed for s in (2, 3) for seed in (1, 2, 3)]
+    assert len(RunStore(tmp_path / "r").read()) == 12
+
+
+def test_comments_and_docstrings_are_no_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
+    edit(tmp_path, monkeypatch, '"""Return metrics; the seed and the parameters decide them."""', '"""Return."""  # !')
+    assert run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1).resumed == 6
+
+
+def test_what_older_code_has_made_is_kept_if_it_is_accepted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    run_sweep(experiment(DELAYS | {"replicates": 2}), tmp_path / "r", jobs=1)
+    (old,) = set(RunStore(tmp_path / "r").read()["code"])
+    edit(tmp_path, monkeypatch, "* 0.5", "* 0.25")
+    summary = run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1, choice=Choice(accepted=(old,)))
+    assert (summary.runs, summary.resumed) == (6, 4)
+    assert rows(tmp_path / "r")["delay_s"].tolist() == [2, 3, 3.5, 2.5, 3.5, 3.75]
+    assert rows(tmp_path / "r")["code"].eq(old).tolist() == [True, True, False] * 2
+    # what the present code has made comes before what is accepted
+    assert run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1).resumed == 2
+    run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1, choice=Choice(accepted=(old,)))
+    assert not rows(tmp_path / "r")["code"].eq(old).any()
+
+
+def test_a_process_that_has_loaded_what_was_edited_since_makes_no_runs(tmp_path: Path):
     run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
     source = tmp_path / "delays.py"
-    source.write_text(source.read_text() + "\n# edited\n")
-    assert run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1).resumed == 0
-    assert len(rows(tmp_path / "r")) == 6
-    assert len(RunStore(tmp_path / "r").read()) == 12
+    source.write_text(source.read_text().replace("* 0.5", "* 0.25"))
+    with pytest.raises(UserError, match=r"delays\.py: was edited after this process had loaded it: start it anew$"):
+        run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
 
 
 def test_a_failed_run_is_a_row_and_the_sweep_goes_on(tmp_path: Path):
@@ -124,13 +163,6 @@ def test_values_of_several_kinds_share_a_column(tmp_path: Path):
     assert rows(tmp_path / "r")["size"].tolist() == ["two"] * 3 + ["3"] * 3
 
 
-def test_any_executor_will_do(tmp_path: Path):
-    run_sweep(experiment(DELAYS), tmp_path / "one", jobs=1)
-    with ThreadPoolExecutor(3) as executor:
-        run_sweep(experiment(DELAYS), tmp_path / "three", executor=executor)
-    pd.testing.assert_frame_equal(rows(tmp_path / "three"), rows(tmp_path / "one"))
-
-
 @pytest.mark.slow
 def test_the_number_of_jobs_changes_no_row(tmp_path: Path):
     run_sweep(experiment(ROBOTS), tmp_path / "one", jobs=1)
@@ -140,14 +172,14 @@ def test_the_number_of_jobs_changes_no_row(tmp_path: Path):
 
 
 def test_progress_counts_what_was_there(tmp_path: Path):
-    told: list[tuple[int, int]] = []
+    told: list[tuple[int, int, int]] = []
     run_sweep(experiment(DELAYS | {"replicates": 1}), tmp_path / "r", jobs=1)
     run_sweep(experiment(DELAYS | {"replicates": 2}), tmp_path / "r", jobs=1, progress=lambda *now: told.append(now))
-    assert told == [(3, 4), (4, 4)]
+    assert told == [(3, 4, 0), (4, 4, 0)]
 
 
 def test_an_interrupt_keeps_what_is_finished(tmp_path: Path):
-    def interrupt(done: int, total: int) -> None:
+    def interrupt(done: int, total: int, failed: int) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
@@ -183,15 +215,16 @@ def test_input_that_cannot_be_set_up_writes_nothing(tmp_path: Path):
 
 
 def test_the_guard_takes_errors_but_no_interrupts(monkeypatch: pytest.MonkeyPatch):
-    (task, *_) = tasks(experiment(ROBOTS, "protocol.parameters.fail_at_size=2"))
-    assert execute(task).error == "RuntimeError: the beacons have broken down"
+    asked = experiment(ROBOTS, "protocol.parameters.fail_at_size=2")
+    execution = Execution(dict(enumerate(asked.arms)), asked.seed)
+    assert execution((0, 0)).error == "RuntimeError: the beacons have broken down"
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cosim.sweep.simulate", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        execute(task)
+        execution((0, 0))
 
 
 def _command(*words: str) -> list[str]:
@@ -290,20 +323,20 @@ def test_the_workers_of_a_cluster_give_the_rows_of_one_process(tmp_path: Path, d
     Path("hall.yaml").write_text(yaml.safe_dump({"bounds_m": [0, 0, 9, 4]}))  # the workers stand in another folder
     robots = experiment(ROBOTS | {"scenario": {**ROBOTS["scenario"], "floorplan": {"map": "hall.yaml"}}})
     run_sweep(robots, tmp_path / "one", jobs=1)
-    with cluster(dask_address, robots) as executor:
-        assert run_sweep(robots, tmp_path / "many", executor=executor).failures == ()
+    with on_cluster(dask_address) as engine:
+        assert run_sweep(robots, tmp_path / "many", engine=engine).failures == ()
     pd.testing.assert_frame_equal(rows(tmp_path / "many"), rows(tmp_path / "one"))
 
 
 @pytest.mark.slow
 def test_an_interrupt_leaves_the_cluster_nothing_to_do(tmp_path: Path, dask_address: str):
-    def interrupt(done: int, total: int) -> None:
+    def interrupt(done: int, total: int, failed: int) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
     slow = experiment(SLOW | {"replicates": 1000})
-    with pytest.raises(KeyboardInterrupt), cluster(dask_address, slow) as executor:
-        run_sweep(slow, tmp_path / "r", executor=executor, progress=interrupt)
+    with pytest.raises(KeyboardInterrupt), on_cluster(dask_address) as engine:
+        run_sweep(slow, tmp_path / "r", engine=engine, progress=interrupt)
     assert len(rows(tmp_path / "r")) == 2
     distributed = pytest.importorskip("distributed")
 
@@ -328,36 +361,35 @@ def test_a_busy_scheduler_is_asked_again(monkeypatch: pytest.MonkeyPatch, dask_a
         return client(*given, **named)
 
     monkeypatch.setattr(distributed, "Client", asked)
-    with cluster(dask_address, experiment(DELAYS)) as executor:
-        assert executor.submit(sum, [1, 2]).result() == 3
+    with on_cluster(dask_address) as engine:
+        assert len(list(engine(Execution({}, 1), [], 0, lambda: None, NO_LIMITS))) == 0
     fails[0] = 100
-    with (
-        pytest.raises(UserError, match="the scheduler is too busy to answer"),
-        cluster(dask_address, experiment(DELAYS)),
-    ):
+    with pytest.raises(UserError, match="the scheduler is too busy to answer"), on_cluster(dask_address):
         pass
 
 
 @pytest.mark.slow
 def test_a_worker_with_other_code_is_refused_by_name(tmp_path: Path, dask_address: str):
-    (tmp_path / "delays.py").write_text((tmp_path / "delays.py").read_text() + "\n# edited\n")
-    pattern = r"^--dask tcp://127\.0\.0\.1:\d+: worker tcp://\S+: has others than this computer: the sources of delays;"
-    with pytest.raises(UserError, match=pattern), cluster(dask_address, experiment(DELAYS)):
-        pass
+    source = tmp_path / "delays.py"
+    source.write_text(source.read_text().replace("* 0.5", "* 0.25"))
+    pattern = r"^a worker on \S+ has others than the sweep began with: delays$"
+    with pytest.raises(UserError, match=pattern), on_cluster(dask_address) as engine:
+        run_sweep(experiment(DELAYS), tmp_path / "r", engine=engine)
+    assert len(rows(tmp_path / "r")) == 0
 
 
 def test_what_a_cluster_needs_and_lacks_is_told(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("cosim.installed.find_spec", lambda name: None)
     told = r"^sweeps on a cluster need what is not installed here: pip install 'distributed>=2024.8'$"
-    with pytest.raises(UserError, match=told), cluster("127.0.0.1:1", experiment(DELAYS)):
+    with pytest.raises(UserError, match=told), on_cluster("127.0.0.1:1"):
         pass
 
 
 @pytest.mark.slow
 def test_an_address_where_no_scheduler_answers_is_told(monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("distributed", reason="sweeps on a cluster need the extra cluster")
-    monkeypatch.setattr("cosim.sweep.CLUSTER_WAIT_S", 0.2)
+    monkeypatch.setattr("cosim.cluster.WAIT_S", 0.2)
     for address in ("127.0.0.1:1", "nothing://", ""):
         told = f"^--dask {address}: no Dask scheduler answers there: "
-        with pytest.raises(UserError, match=told), cluster(address, experiment(DELAYS)):
+        with pytest.raises(UserError, match=told), on_cluster(address):
             pass
