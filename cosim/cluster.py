@@ -141,7 +141,7 @@ class _Window:
         from distributed import KilledWorker, as_completed
 
         again = deque[Sequence[Asked]]()
-        done = as_completed(with_results=True, raise_errors=False)
+        done = as_completed(loop=self._client.loop, with_results=True, raise_errors=False)
         try:
             while True:
                 workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))

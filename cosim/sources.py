@@ -87,6 +87,9 @@ def closure(modules: Iterable[str]) -> dict[str, Path]:
 
 
 def _closure(modules: frozenset[str]) -> tuple[dict[str, Path], str]:
+    """Return what ``closure`` does, and the versions of the libraries that these import."""
+    for kept in (_place, _is_own):  # what is found where may have changed since
+        kept.cache_clear()
     own = frozenset(name.partition(".")[0] for name in modules)
     found: dict[str, Path] = {}
     foreign: set[str] = set()

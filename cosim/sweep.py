@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from socket import gethostname
 from time import monotonic, perf_counter
@@ -36,7 +36,7 @@ from cosim.results import (
     metric_fields,
     provenance,
 )
-from cosim.scenario import digest
+from cosim.scenario import Scenario, digest
 from cosim.simulation import Simulation, simulate
 from cosim.sources import Origin, closure, differing, origin
 from cosim.trace import Field
@@ -510,26 +510,27 @@ class Origins(NamedTuple):
 
 def origins_of(experiment: Experiment) -> Origins:
     """Return what decides the runs of each arm of *experiment*."""
-    roots = [_roots(arm) for arm in experiment.arms]
+    functions = {arm.run.partition(":")[0] for arm in experiment.arms if arm.run is not None}
+    of_functions = {module: _roots_of_function(module) for module in functions}
+    roots = [
+        _roots(arm.scenario) if arm.scenario is not None else of_functions[(arm.run or "").partition(":")[0]]
+        for arm in experiment.arms
+    ]
     found = {each: origin(*each) for each in dict.fromkeys(roots)}
     return Origins(tuple(found[each] for each in roots), found)
 
 
-def _roots(arm: Arm) -> Roots:
-    """Return where the sources of the runs of *arm* begin.
-
-    What is found by an entry point no import names: the protocol and the channels of a scenario. A function that can
-    make runs of robots may choose any that are installed, and any of the maps.
-    """
-    if arm.scenario is not None:
-        kinds = {module_of(_CHANNELS, kind) for kind in _kinds(arm.scenario.channel)}
-        return Roots(frozenset({"cosim.simulation", module_of(_PROTOCOLS, arm.scenario.protocol.use), *kinds}))
-    assert arm.run is not None
-    return _roots_of_function(arm.run.partition(":")[0])
+def _roots(scenario: Scenario) -> Roots:
+    """Return where the sources of the runs of *scenario* begin: its protocol and channels no import names."""
+    kinds = {module_of(_CHANNELS, kind) for kind in _kinds(scenario.channel)}
+    return Roots(frozenset({"cosim.simulation", module_of(_PROTOCOLS, scenario.protocol.use), *kinds}))
 
 
-@cache
 def _roots_of_function(module: str) -> Roots:
+    """Return where the sources of a function in *module* begin.
+
+    If it can make runs of robots, it may choose any protocol and channel that is installed, and any of the maps.
+    """
     if "cosim.scenario" not in closure([module]):
         return Roots(frozenset({module}))
     entries = {module_of(group, name) for group in (_PROTOCOLS, _CHANNELS) for name in installed_names(group)}

@@ -29,15 +29,14 @@ def key(seed: int) -> dict[str, Any]:
     return {"configuration": "c", "seed": seed, "code": "k", "replicate": seed - 1}
 
 
-DESCRIPTION = SweepDescription(
-    experiment="calls",
-    source="sweep.yaml",
-    axes={},
-    replicates=10,
-    report=ReportSettings(),
-    configurations=("c",),
-    code="k",
-)
+def described(*configurations: str, **more: Any) -> SweepDescription:
+    plain = {"experiment": "calls", "source": "sweep.yaml", "axes": {}, "replicates": 10, "report": ReportSettings()}
+    arms = {"configurations": configurations or ("c",)}
+    count = len(arms["configurations"])
+    return SweepDescription.model_validate(plain | arms | {"codes": ("k",) * count, "labels": ((),) * count} | more)
+
+
+DESCRIPTION = described()
 
 
 def test_what_is_appended_is_read_and_done(tmp_path: Path):
@@ -78,7 +77,7 @@ def test_the_present_sweep_is_what_was_described_last(tmp_path: Path):
         store.append(
             [run_row(2), run_row(1), run_row(3), run_row(2, code="old"), run_row(1, configuration="b")], [], [], {}
         )
-        store.describe(DESCRIPTION.model_copy(update={"configurations": ("b", "c"), "replicates": 2}))
+        store.describe(described("b", "c", replicates=2))
     rows = store.present()[["configuration", "seed"]].to_numpy().tolist()
     assert rows == [["b", 1], ["c", 1], ["c", 2]]
 
@@ -96,7 +95,11 @@ def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.Mon
         with pytest.raises(OSError, match="No space left"):
             store.append([run_row(2)], [key(2) | {"robot": 0}], [], {})
     assert keys_in(store) == {("c", 1, "k")}
-    assert sorted(path.suffix for path in tmp_path.rglob("*") if path.is_file()) == ["", ".parquet"]  # .lock, one part
+    assert sorted(path.suffix for path in tmp_path.rglob("*") if path.is_file()) == [
+        "",
+        "",
+        ".parquet",
+    ]  # .lock, SHA256SUMS, one part
 
 
 def test_a_full_disk_leaves_no_draft_of_the_description(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -130,7 +133,9 @@ def test_a_damaged_part_is_told(tmp_path: Path, table: str, damaged: bytes):
     part.write_bytes(damaged)
     runs = tmp_path / "runs" / part.name
     which = "it" if table == "runs" else "the file of that name in runs"
-    for read in (store.done, store.units, store.read) if table == "runs" else (lambda: store.read(table),):
+    for read in (
+        (lambda: store.done(DESCRIPTION), store.units, store.read) if table == "runs" else (lambda: store.read(table),)
+    ):
         with pytest.raises(UserError) as raised:
             read()
         assert str(raised.value) == f"{part}: is not a whole Parquet file; delete {which} and sweep again"
@@ -176,8 +181,8 @@ def test_parts_of_an_older_program_are_read_whose_names_tell_nothing_of_their_by
 def test_observations_that_are_gone_are_made_again_with_their_runs(tmp_path: Path, instead: str):
     store = RunStore(tmp_path)
     with store.writing():
-        store.append([run_row(1)], [], [], {})
-        store.append([run_row(2)], [key(2) | {"robot": 0}], [], {})
+        store.append([run_row(1)], [], [], {"commit": "the first"})
+        store.append([run_row(2)], [key(2) | {"robot": 0}], [], {"commit": "the second"})
     (part,) = (tmp_path / "observations").glob("*.parquet")
     part.unlink()
     if instead == "a folder":
@@ -201,9 +206,7 @@ def test_columns_that_were_of_another_kind_in_an_older_sweep_do_not_disturb_the_
     assert store.present()["size"].tolist() == ["two"]
     assert store.read()["size"].tolist() == ["2", "two"]
     with store.writing():
-        store.describe(
-            DESCRIPTION.model_copy(update={"code": "old", "axes": {"size": AxisDescription(path="", values=(2,))}})
-        )
+        store.describe(described(codes=("old",), labels=((2,),), axes={"size": AxisDescription(path="", values=(2,))}))
     assert store.present()["size"].tolist() == [2]
 
 
@@ -211,7 +214,7 @@ def test_values_that_no_sweep_has_are_told(tmp_path: Path):
     store = RunStore(tmp_path)
     with store.writing():
         store.append([run_row(1, size=2)], [], [], {})
-        store.describe(DESCRIPTION.model_copy(update={"axes": {"radio": AxisDescription(path="r", values=(None,))}}))
+        store.describe(described(labels=((None,),), axes={"radio": AxisDescription(path="r", values=(None,))}))
     with pytest.raises(UserError, match=r"sweep\.json: axes\.radio\.values: are no values of an axis$"):
         store.present()
 
@@ -247,7 +250,7 @@ def declaring(store: RunStore) -> Callable[[], None]:
         ("[]", "sweep.json: [] is not a mapping of settings"),
         (
             "{}",
-            "sweep.json: experiment: is missing (and 6 more: source, axes, replicates, report, configurations, code)",
+            "sweep.json: experiment: is missing (and 6 more: source, axes, replicates, report, configurations, codes)",
         ),
     ],
 )
