@@ -6,6 +6,7 @@ compute goes by name and must be importable: what is defined in a script's ``__m
 """
 
 import gc
+import json
 import os
 import pickle
 import queue
@@ -38,6 +39,10 @@ LIVES: Final = 5
 """Number of workers that die of an item before it is given up."""
 LOOK_S: Final = 0.1
 """How often one looks how much memory the workers take, if that is limited."""
+_BEGIN: Final = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from cosim.processes import serve; serve(int(sys.argv[2]))"
+)
 ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables by which libraries take one thread: as many workers as processors need no more."""
 
@@ -138,9 +143,9 @@ class Pool(Generic[Asked, Made]):
 
     def _start(self) -> _Worker[Asked]:
         ours, theirs = Pipe()
-        path = os.pathsep.join(dict.fromkeys(os.path.abspath(place) for place in sys.path))
-        environment = os.environ | {"PYTHONPATH": path} | {name: os.environ.get(name, "1") for name in ONE_THREAD}
-        command = [sys.executable, "-c", f"from cosim.processes import serve; serve({theirs.fileno()})"]
+        path = json.dumps([os.path.abspath(place) for place in sys.path])  # in this order; PYTHONPATH comes before all
+        environment = os.environ | {name: os.environ.get(name, "1") for name in ONE_THREAD}
+        command = [sys.executable, "-c", _BEGIN, path, str(theirs.fileno())]
         process = subprocess.Popen(command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL)
         theirs.close()
         ours.send_bytes(self._first)
