@@ -44,6 +44,7 @@ OWNERS = {
     "websockets": {"web"},
     "gymnasium": {"parallel"},
     "pettingzoo": {"parallel"},
+    "SALib": {"report"},
     "dask": {"sweep"},
     "distributed": {"sweep"},
     "random": set(),

@@ -15,6 +15,7 @@ from cosim.report.claims import Verdict, chance, judge, published_claims, source
 from cosim.report.drawing import draw
 from cosim.report.estimates import estimates
 from cosim.report.figures_module import call, load_figures
+from cosim.report.sensitivity import design_rows
 from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
 from cosim.statistics.intervals import Estimate
 
