@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from cosim.console import JSON, SETS, as_plain_json, bar, set_up_is_done, told_of_compiling
+from cosim.console import JSON, SETS, as_plain_json, bar, set_up_is_done, told_of_compiling, waiting
 from cosim.errors import UserError
 
 if TYPE_CHECKING:
@@ -142,6 +142,33 @@ def status(results: Path, as_json: bool) -> None:
     click.echo(as_plain_json(found._asdict()) if as_json else found.text())
 
 
+@click.command("compare", short_help="What differs between two sweeps, or two arms of one.")
+@click.argument("first", type=click.Path(path_type=Path))
+@click.argument("second", type=click.Path(path_type=Path), required=False)
+@click.option("--arm", "arms", multiple=True, metavar="AXIS=VALUE[,...]", help="Twice: two arms of FIRST.")
+@click.option("--bootstrap", is_flag=True, help="Intervals of the BCa bootstrap, for skewed values.")
+@JSON
+def compare(first: Path, second: Path | None, arms: tuple[str, ...], bootstrap: bool, as_json: bool) -> None:
+    """Print how means differ from the folder FIRST to SECOND, seed by seed where both have it, and what else does."""
+    from cosim.report.differences import compare as compare_folders
+
+    with waiting("comparing"):
+        found = compare_folders(first, second, arms, bootstrap)
+    click.echo(as_plain_json(found.plain()) if as_json else found.text())
+
+
+@click.command("sensitivity", short_help="Which axis of a sweep moves which metric.")
+@click.argument("results", type=click.Path(path_type=Path))
+@JSON
+def sensitivity(results: Path, as_json: bool) -> None:
+    """Print Sobol's indices or Morris's effects of RESULTS, of a sweep with the design saltelli or morris."""
+    from cosim.report.sensitivity import sensitivity as indices_of
+
+    with waiting(f"reading {results}"):
+        found = indices_of(results)
+    click.echo(as_plain_json(found.plain()) if as_json else found.text())
+
+
 @click.command("export", short_help="Write the table of a sweep as one file.")
 @_RESULTS
 @click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
@@ -233,5 +260,5 @@ def command(results: Path, row: int) -> None:
     click.echo(shlex.join(command_of(RunStore(results), row)))
 
 
-COMMANDS: Final = (sweep, status, export, results_commands)
+COMMANDS: Final = (sweep, status, compare, sensitivity, export, results_commands)
 """The commands of this file."""

@@ -16,7 +16,7 @@ SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob
 
 LINES = (
     "units errors arrays caches sources processes jit elementary installed page",
-    "randomness settings geometry documents",
+    "randomness settings geometry documents statistics",
     "observation machine protocol navigation",
     "trace kernel",
     "world",
@@ -44,6 +44,7 @@ OWNERS = {
     "websockets": {"web"},
     "gymnasium": {"parallel"},
     "pettingzoo": {"parallel"},
+    "SALib": {"report"},
     "dask": {"cluster"},
     "distributed": {"cluster"},
     "dask_jobqueue": {"cluster"},

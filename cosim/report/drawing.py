@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from cosim.arrays import Floats
 from cosim.report.comparison import Label
 from cosim.report.estimates import estimates
+from cosim.statistics.intervals import Estimate
 from cosim.trace import POSES, Trace
 
 Named: TypeAlias = tuple[str, Mapping[Any, str]]
@@ -22,6 +23,8 @@ OFFSET = 0.06
 """Distance between the points of neighbouring lines, in steps of the axis."""
 MOST_LABELS = 4
 """Largest number of names that stand side by side below a figure; more are turned upright."""
+MOST_TICKS = 20
+"""Largest number of values of an axis that have ticks and are joined by a line; more are those of a design."""
 BAND = (25, 75)
 """Percentiles of the band about a median over time."""
 INSTANTS = 200
@@ -52,7 +55,7 @@ def draw(
             lines[label] = _line(plot, arm, along, metric, colours[label])
         plot.set(title=f"{panel} {value!s}" if panel else "", xlabel=along or "")
         plot.grid(alpha=0.3)
-        if along in numeric:
+        if along in numeric and frame[along].nunique() <= MOST_TICKS:
             plot.set_xticks(sorted(frame[along].unique()))
         elif along and frame[along].nunique() > MOST_LABELS:
             plot.tick_params(axis="x", labelrotation=90)
@@ -78,8 +81,15 @@ def _line(plot: Any, frame: pd.DataFrame, along: str | None, metric: str, colour
     points = estimates(frame, [along] if along else [], [metric])
     places = points[along].tolist() if along else [0.0]
     means = [value.mean for value in points[metric]]
-    halves = [0.0 if math.isnan(value.half) else value.half for value in points[metric]]
-    return plot.errorbar(places, means, yerr=halves, marker="o", capsize=3, color=colour)
+    style = {"linestyle": "none"} if len(places) > MOST_TICKS else {}
+    return plot.errorbar(places, means, yerr=_bars(points[metric]), marker="o", capsize=3, color=colour, **style)
+
+
+def _bars(found: Iterable[Estimate]) -> Floats:
+    """Return how far the intervals of *found* reach below and above the means (2, n), 0 where there is none."""
+    ends = [(max(each.mean - each.low, 0.0), max(each.high - each.mean, 0.0)) for each in found]
+    bars: Floats = np.nan_to_num(np.array(ends).reshape(-1, 2).T)
+    return bars
 
 
 def draw_panels(
@@ -107,7 +117,7 @@ def draw_panels(
             plot.errorbar(
                 [list(at).index(each) + offset for each in points.index],
                 [each.mean for each in points[column]],
-                yerr=np.nan_to_num([each.half for each in points[column]]),
+                yerr=_bars(points[column]),
                 marker="o",
                 linestyle="none" if text else "-",
                 capsize=3,

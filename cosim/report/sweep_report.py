@@ -11,11 +11,13 @@ from typing import Any
 
 import pandas as pd
 
-from cosim.report.claims import Verdict, judge, published_claims, source_folder
+from cosim.report.claims import Verdict, chance, judge, published_claims, source_folder
 from cosim.report.drawing import draw
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.figures_module import call, load_figures
+from cosim.report.sensitivity import design_rows
 from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
+from cosim.statistics.intervals import Estimate
 
 
 @dataclass
@@ -35,6 +37,8 @@ class Report:
             parts.append(
                 "\n".join([f"{self.name}, ours beside the published", *(verdict.text() for verdict in self.verdicts)])
             )
+            expected = chance(self.verdicts)
+            parts += [expected.text()] if expected else []
         if self.failures:
             parts.append(f"{self.failures} runs failed; the column error of the table runs says why")
         parts += ["\n".join(f"figure: {path}" for path in self.figures)] if self.figures else []
@@ -42,10 +46,12 @@ class Report:
 
     def plain(self) -> dict[str, Any]:
         """Return the report as plain data."""
+        expected = chance(self.verdicts)
         return {
             "experiment": self.name,
             "tables": {title: table.astype(str).to_dict("records") for title, table in self.tables.items()},
             "published": [verdict._asdict() for verdict in self.verdicts],
+            "chance": expected._asdict() if expected else None,
             "figures": [str(path) for path in self.figures],
             "failures": self.failures,
         }
@@ -75,7 +81,8 @@ def report(folder: Path) -> Report:
             drawn = [metric for metric in sweep.report.figures if metric in metrics] or metrics
             x, panel = sweep.report.x, sweep.report.panel
             known = [metric for metric in drawn if frame[metric].notna().any()]
-            made.figures += [draw(frame, axes, metric, x, folder, panel) for metric in known]
+            shown = [x if x in axes else axes[0]] if design_rows(sweep) else axes  # a line for each arm shows nothing
+            made.figures += [draw(frame, shown, metric, x, folder, panel) for metric in known]
     if hasattr(figures, "tables"):
         made.tables |= call(figures, "tables", good, seen)
     if hasattr(figures, "draw"):

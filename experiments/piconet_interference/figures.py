@@ -9,7 +9,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.statistics.intervals import Estimate
 
 Answer = tuple[str, bool | None]
 

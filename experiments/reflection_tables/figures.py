@@ -27,7 +27,8 @@ from cosim.report.comparison import (
     saving_text,
 )
 from cosim.report.drawing import legend_outside
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.statistics.intervals import estimate
 from experiments.reflection.tables import ALGORITHMS, CELL, FLOORS, LEAST, NAMES, SIZES, STEPS, cells, with_steps
 
 ALIKE: Final = 1.3
