@@ -30,6 +30,7 @@ from cosim.report.comparison import (
     slopes,
 )
 from cosim.report.estimates import estimate, estimates
+from cosim.report.saving import save
 
 TIME: Final = "search_time_min"
 """A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
@@ -189,7 +190,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     plot.grid(alpha=0.3)
     plot.legend(fontsize="small")
     path = folder / "search_time_by_distribution.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

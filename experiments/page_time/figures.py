@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report.estimates import estimates
+from cosim.report.saving import save
 
 Answer = tuple[str, bool | None]
 
@@ -49,7 +50,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     for plot, (mode, rows) in zip(figure.subplots(1, len(parts), squeeze=False)[0], parts, strict=True):
         _distributions(plot, rows, str(mode))
     path = folder / "page_time_distribution.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

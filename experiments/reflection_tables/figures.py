@@ -28,6 +28,7 @@ from cosim.report.comparison import (
 )
 from cosim.report.drawing import legend_outside
 from cosim.report.estimates import estimate, estimates
+from cosim.report.saving import save
 from experiments.reflection.tables import ALGORITHMS, CELL, FLOORS, LEAST, NAMES, SIZES, STEPS, cells, with_steps
 
 ALIKE: Final = 1.3
@@ -235,7 +236,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3)
     legend_outside(figure, plots)
     path = folder / "steps_beside_the_paper.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path, *_draw_reductions(frame, folder)]
 
 
@@ -265,7 +266,7 @@ def _draw_reductions(frame: pd.DataFrame, folder: Path) -> list[Path]:
     plot.grid(alpha=0.3)
     plot.legend(fontsize="small")
     path = folder / "reductions_beside_the_paper.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 
