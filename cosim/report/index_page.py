@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
+from urllib.parse import quote
 
 from cosim.report.markup import Html, identifier, joined, tag
 from cosim.report.page import UNDECIDED, VERDICTS, claims_table, counts, document, scrolling, verdict_word
@@ -115,4 +116,4 @@ def _claim(row: Judged, tried: Mapping[str, Tried]) -> Html:
 def _page_of(tried: Tried, claim: str | None = None) -> Html:
     text = tried.name if claim is None else f"{tried.name}, {claim}"
     place = "" if claim is None else f"#{identifier('claim', claim)}"
-    return Html(tag("span", text)) if tried.error else tag("a", text, href=f"{identifier(tried.name)}.html{place}")
+    return tag("span", text) if tried.error else tag("a", text, href=f"{quote(tried.name)}.html{place}")

@@ -57,11 +57,12 @@ class Reproduction:
         """
         tried, folder = self.tried[name], self.folder / name
         try:
+            tried.whole = kept_verdicts(tried.source.parent)
             experiment = load_experiment(tried.source, (), self.quick)
             summary = run_sweep(experiment, folder, self._jobs, progress=progress)
+            tried.runs, tried.failed = summary.runs, len(summary.failures)
             made = report(folder)
             write_page(self.folder / f"{name}.html", folder, made)
-            tried.runs, tried.failed = summary.runs, len(summary.failures)
             tried.claims, tried.made, tried.error = made.claims, made, ""
         except Exception as error:  # noqa: BLE001  # one experiment that fails must not end the others
             tried.error = " ".join(

@@ -16,7 +16,7 @@ from matplotlib.category import StrCategoryFormatter
 from matplotlib.collections import PathCollection, PolyCollection
 from matplotlib.container import BarContainer, ErrorbarContainer
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedFormatter
+from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 DPI: Final = 120
 """Of the picture."""
@@ -70,11 +70,12 @@ def drawn(figure: Figure) -> pd.DataFrame:
 
 
 def _names(plot: Any) -> dict[float, str]:
-    """Return the texts of the ticks of the x axis of *plot* by their places, if they are more than their numbers."""
-    if not isinstance(plot.xaxis.get_major_formatter(), FixedFormatter | StrCategoryFormatter):
+    """Return the texts of the ticks of the x axis of *plot* by their places, where these are not their numbers."""
+    if not isinstance(plot.xaxis.get_major_formatter(), FixedFormatter | FuncFormatter | StrCategoryFormatter):
         return {}
     texts = [tick.get_text() for tick in plot.get_xticklabels()]
-    return {float(at): text for at, text in zip(plot.get_xticks(), texts, strict=False) if text}
+    pairs = zip(plot.get_xticks(), texts, strict=False)
+    return {float(at): text for at, text in pairs if text not in ("", f"{at:g}")}
 
 
 def _named(x: float, names: dict[float, str]) -> Any:
