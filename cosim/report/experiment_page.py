@@ -90,8 +90,24 @@ class _Page:
         return joined([_figure(path, number) for number, path in enumerate(self._made.figures, start=1)])
 
     def _tables(self) -> Html:
-        tables = self._made.tables.items()
-        return joined([joined([tag("h3", title), frame_table(table, title)]) for title, table in tables])
+        parts = [joined([tag("h3", title), frame_table(table, title)]) for title, table in self._made.tables.items()]
+        known = self._columns()
+        if parts and len(known):
+            told = tag("summary", "What the columns are")
+            parts.append(tag("details", told, frame_table(known, "What the columns are")))
+        return joined(parts)
+
+    def _columns(self) -> pd.DataFrame:
+        """Return unit and meaning of the columns in the tables, as far as they are declared."""
+        shown = {str(column) for table in self._made.tables.values() for column in table}
+        found = {}
+        for table in ("runs", "observations"):
+            for column in RunStore(self._folder).present_rows(table).schema:
+                notes = column.metadata or {}
+                if column.name in shown - set(self._sweep.axes) and notes.get(b"meaning"):
+                    found[column.name] = (notes.get(b"unit", b"").decode(), notes[b"meaning"].decode())
+        rows = [(name, *told) for name, told in found.items()]
+        return pd.DataFrame(rows, columns=["column", "unit", "meaning"])
 
     def _parameters(self) -> Html:
         axes = pd.DataFrame(
