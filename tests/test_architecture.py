@@ -16,7 +16,7 @@ SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob
 
 LINES = (
     "units errors arrays caches jit elementary installed page",
-    "randomness settings geometry documents",
+    "randomness settings geometry documents statistics",
     "observation machine protocol navigation",
     "trace kernel",
     "world",

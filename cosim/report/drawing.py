@@ -13,6 +13,7 @@ from cosim.arrays import Floats
 from cosim.report.comparison import Label
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate
 from cosim.trace import POSES, Trace
 
 Named: TypeAlias = tuple[str, Mapping[Any, str]]
@@ -76,8 +77,14 @@ def _line(plot: Any, frame: pd.DataFrame, along: str | None, metric: str, colour
     points = estimates(frame, [along] if along else [], [metric])
     places = points[along].tolist() if along else [0.0]
     means = [value.mean for value in points[metric]]
-    halves = [0.0 if math.isnan(value.half) else value.half for value in points[metric]]
-    return plot.errorbar(places, means, yerr=halves, marker="o", capsize=3, color=colour)
+    return plot.errorbar(places, means, yerr=_bars(points[metric]), marker="o", capsize=3, color=colour)
+
+
+def _bars(found: Iterable[Estimate]) -> Floats:
+    """Return how far the intervals of *found* reach below and above the means (2, n), 0 where there is none."""
+    ends = [(max(each.mean - each.low, 0.0), max(each.high - each.mean, 0.0)) for each in found]
+    bars: Floats = np.nan_to_num(np.array(ends).reshape(-1, 2).T)
+    return bars
 
 
 def draw_panels(
@@ -105,7 +112,7 @@ def draw_panels(
             plot.errorbar(
                 [list(at).index(each) + offset for each in points.index],
                 [each.mean for each in points[column]],
-                yerr=np.nan_to_num([each.half for each in points[column]]),
+                yerr=_bars(points[column]),
                 marker="o",
                 linestyle="none" if text else "-",
                 capsize=3,

@@ -14,7 +14,7 @@ import yaml
 
 from cosim.report.claims import Claim, Verdict, source_folder
 from cosim.report.markup import Html, identifier, joined, markdown, tag
-from cosim.report.page import claims_table, counts, document, frame_table, scrolling, terms, verdict_word
+from cosim.report.page import chance_of, claims_table, counts, document, frame_table, scrolling, terms, verdict_word
 from cosim.report.repeating import sweep_command
 from cosim.report.saving import NUMBERS
 from cosim.report.sweep_report import Report
@@ -84,7 +84,7 @@ class _Page:
             )
             for claim, verdict in pairs
         ]
-        return claims_table("Claims", COLUMNS, rows)
+        return joined([*chance_of(self._made.verdicts), claims_table("Claims", COLUMNS, rows)])
 
     def _figures(self) -> Html:
         return joined([_figure(path, number) for number, path in enumerate(self._made.figures, start=1)])
@@ -197,17 +197,11 @@ def _claim(claim: Claim) -> Html:
 
 
 def _why(claim: Claim, verdict: Verdict) -> Html:
-    """Return the reason of *verdict*, and what decided it."""
-    if claim.test.isidentifier():
-        test = joined([tag("code", f"{claim.test}()"), " in figures.py"])
-    else:
-        of = joined([" of the mean of ", tag("code", claim.quantity)])
-        test = joined([claim.test, of, *([" where ", tag("code", claim.where)] if claim.where else [])])
-    return joined([_reason(verdict), tag("small", test)])
-
-
-def _reason(verdict: Verdict) -> str:
-    return getattr(verdict, "reason", "")
+    """Return the reason of *verdict*, and of what it was asked; what a function asks is in its reason."""
+    if not claim.quantity or claim.test.isidentifier():
+        return joined([verdict.reason])
+    where = [" where ", tag("code", claim.where)] if claim.where else []
+    return joined([verdict.reason, tag("small", f"{claim.test}; the mean of ", tag("code", claim.quantity), *where)])
 
 
 def _figure(path: Path, number: int) -> Html:

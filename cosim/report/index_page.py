@@ -6,7 +6,7 @@ from typing import Final
 from urllib.parse import quote
 
 from cosim.report.markup import Html, identifier, joined, tag
-from cosim.report.page import UNDECIDED, VERDICTS, claims_table, counts, document, scrolling, verdict_word
+from cosim.report.page import UNDECIDED, VERDICTS, chance_of, claims_table, counts, document, scrolling, verdict_word
 from cosim.report.tried import Judged, Tried, index_rows
 
 COLUMNS: Final = ("verdict", "claim", "published", "ours", "why")
@@ -17,8 +17,9 @@ def index_page(tried: Mapping[str, Tried], quick: bool) -> str:
     rows = index_rows(tried.values())
     papers = list(dict.fromkeys(row.paper for row in rows))
     whole = any(row.whole for row in rows)
+    by_chance = chance_of(verdict for each in tried.values() for verdict in each.verdicts())
     sections = {
-        "totals": ("All claims, by paper", _totals(rows, papers)),
+        "totals": ("All claims, by paper", joined([_totals(rows, papers), *by_chance])),
         "whole": ("Beside the whole sheets", _beside(rows, tried)) if quick or whole else ("", Html()),
         "experiments": ("Experiments", _experiments(tried)),
     }

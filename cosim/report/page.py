@@ -8,6 +8,7 @@ from typing import Any, Final
 import pandas as pd
 
 from cosim import __version__
+from cosim.report.claims import Verdict, chance
 from cosim.report.markup import Html, joined, tag
 
 VERDICTS: Final = ("holds", "fails", "open", "not comparable", "no data")
@@ -80,6 +81,12 @@ def counts(words: Iterable[str]) -> Html:
         class_="counts",
         aria_label="Claims by verdict",
     )
+
+
+def chance_of(verdicts: Iterable[Verdict]) -> list[Html]:
+    """Return how many failures among *verdicts* chance alone explains; nothing if none could fail by chance."""
+    found = chance(verdicts)
+    return [tag("p", f"{found.text()}.")] if found else []
 
 
 def claims_table(label: str, columns: Sequence[str], rows: Iterable[tuple[str, Sequence[object]]]) -> Html:

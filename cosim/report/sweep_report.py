@@ -11,11 +11,12 @@ from typing import Any
 
 import pandas as pd
 
-from cosim.report.claims import Claim, Verdict, judge, published_claims, source_folder
+from cosim.report.claims import Claim, Verdict, chance, judge, published_claims, source_folder
 from cosim.report.drawing import draw
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.figures_module import call, load_figures
 from cosim.results import FIXED, OBSERVATION_FIXED, RunStore, SweepDescription
+from cosim.statistics.intervals import Estimate
 
 
 @dataclass
@@ -38,6 +39,8 @@ class Report:
             parts.append(
                 "\n".join([f"{self.name}, ours beside the published", *(verdict.text() for verdict in self.verdicts)])
             )
+            expected = chance(self.verdicts)
+            parts += [expected.text()] if expected else []
         if self.failures:
             parts.append(f"{self.failures} runs failed; the column error of the table runs says why")
         parts += ["\n".join(f"figure: {path}" for path in self.figures)] if self.figures else []
@@ -45,10 +48,12 @@ class Report:
 
     def plain(self) -> dict[str, Any]:
         """Return the report as plain data."""
+        expected = chance(self.verdicts)
         return {
             "experiment": self.name,
             "tables": {title: table.astype(str).to_dict("records") for title, table in self.tables.items()},
             "published": [verdict._asdict() for verdict in self.verdicts],
+            "chance": expected._asdict() if expected else None,
             "figures": [str(path) for path in self.figures],
             "failures": self.failures,
         }

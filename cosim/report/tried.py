@@ -57,15 +57,19 @@ class Tried:
 
     def rows(self) -> list[Judged]:
         """Return a row for each claim, with or without a report."""
-        nothing = [Verdict(each.id, each.claim, each.published, "-", "no data") for each in self.claims]
-        verdicts = self.made.verdicts if self.made else nothing
         return [
             Judged(
                 *(claim.paper, claim.section, self.name, claim.id, claim.claim, found.published, found.ours),
-                *(found.verdict, self.error or getattr(found, "reason", ""), self.whole.get(claim.id, "")),
+                *(found.verdict, found.reason, self.whole.get(claim.id, "")),
             )
-            for claim, found in zip(self.claims, verdicts, strict=True)
+            for claim, found in zip(self.claims, self.verdicts(), strict=True)
         ]
+
+    def verdicts(self) -> list[Verdict]:
+        """Return the verdicts on the claims; without a report there are no data, for the reason that there is none."""
+        if self.made:
+            return self.made.verdicts
+        return [Verdict(each.id, each.claim, each.published, "-", "no data", self.error) for each in self.claims]
 
     def line(self) -> str:
         """Return what became of it in a line."""

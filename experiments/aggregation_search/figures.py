@@ -27,8 +27,9 @@ from cosim.report.comparison import (
     paired,
     spread_of_means,
 )
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 
 TIME: Final = "search_time_min"
 """A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""

@@ -13,8 +13,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
-from cosim.report.estimates import CONFIDENCE, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import CONFIDENCE
 from experiments.failure_detection.theory import nfd_s
 
 Answer = tuple[str, bool | None]

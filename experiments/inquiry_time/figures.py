@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate
 
 Answer = tuple[str, bool | None]
 

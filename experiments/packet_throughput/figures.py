@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from cosim.channels.bluetooth.bits.errors import throughput_kbps
 from cosim.channels.bluetooth.packets import ACL
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate
 
 Answer = tuple[str, bool | None]
 

@@ -9,8 +9,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate
 
 Answer = tuple[str, bool | None]
 

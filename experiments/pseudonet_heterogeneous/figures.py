@@ -7,8 +7,9 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report.estimates import Estimate, estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate, estimate
 
 TIMES = {"coverage": "time_to_cover_s", "gathering": "time_to_gather_s"}
 EQUALS = "alike"

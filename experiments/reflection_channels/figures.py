@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 
 from cosim.report.comparison import NO_DATA, Answer, Arm, confidence_limits, saves, saving, saving_text
 from cosim.report.drawing import limit_ordinate
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 from experiments.reflection.tables import ALGORITHMS, FLOORS, NAMES, SIZES, STEPS, cells
 
 AT_ONCE: Final = "at once, 0.1 s"

@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 
 from cosim.report.comparison import NO_DATA, Answer, Arm, by_replicate, confidence_limits, saves, saving, saving_text
 from cosim.report.drawing import legend_outside, limit_ordinate
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 from experiments.reflection.tables import ALGORITHMS, FLOORS, NAMES, SIZES, STEPS, cells, with_steps
 
 ERRORS: Final = ("0", "0.1", "0.2", "0.3", "0.4")

@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from cosim.experiment import axis_titles
 from cosim.report.comparison import Answer, Arm, confidence_limits, saves, saving, saving_text
 from cosim.report.drawing import legend_outside, limit_ordinate
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 
 STEPS: Final = "steps"
 ALGORITHMS: Final = axis_titles(Path(__file__).parent)["algorithm"]

@@ -27,8 +27,9 @@ from cosim.report.comparison import (
     saving_text,
 )
 from cosim.report.drawing import legend_outside
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 from experiments.reflection.tables import ALGORITHMS, CELL, FLOORS, LEAST, NAMES, SIZES, STEPS, cells, with_steps
 
 ALIKE: Final = 1.3

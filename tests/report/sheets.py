@@ -10,7 +10,7 @@ from cosim.sweep import run_sweep
 
 HEADER = "id,paper,section,claim,quantity,where,unit,published,test\n"
 CLAIMS = (
-    'first,003,V,"it takes a second, plus its seed",delay_s,size == 2,s,3,within 1 %\n'
+    'first,003,V,"two rounds, for each of two",rounds,size == 2,rounds,4,within 1 %\n'
     "second,003,V,it takes longer,delay_s,size == 3,s,3.5,in the interval\n"
     "third,Peterson 2006,IEEE,nobody waits,delay_s,size == 9,s,1,within 1 %\n"
     "fourth,003,VI,the one is slower,,,,slower,slower\n"

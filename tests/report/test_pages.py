@@ -100,11 +100,12 @@ def test_a_page_tells_the_question_the_claims_the_settings_and_how_to_repeat_it(
     assert "How <em>long</em> does it take?" in question
     assert "None that matters" not in question
     assert "<a>the others</a>" in question  # it stands beside the README, not beside this page
-    # seeds 1 and 2: means 2.5 and 3
-    assert words(section(page, "claims")) == ["fails", "holds", "no data", "holds"]
+    assert words(section(page, "claims")) == ["holds", "holds", "no data", "holds"]
     claims = section(page, "claims")
-    assert "3 s" in claims
-    assert "2.5 ± 6.4" in claims  # t(0.975, 1) = 12.706, times sqrt(0.5) / sqrt(2)
+    assert "4 rounds" in claims
+    assert "3 ± 6.4" in claims  # 2.5 and 3.5: t(0.975, 1) = 12.706, times sqrt(0.5) / sqrt(2)
+    assert re.search("4 to 4,? .*within 1 % of 4", claims)
+    assert "0 of 1 claims in the interval fail" in claims
     assert "Peterson 2006, IEEE" in claims
     figures = section(page, "figures")
     assert figures.count("<svg ") == 2
@@ -131,14 +132,15 @@ def altered(results: Path, change: Any) -> None:
 def test_verdicts_turn_with_the_rows():
     results = swept(written(Path("delays")), Path("r"))
     assert words(paged(results)) == ["holds", "holds", "no data", "holds"]
-    altered(results, lambda rows: rows.assign(delay_s=rows["delay_s"] + (rows["size"] == 2)))
-    assert words(paged(results)) == ["fails", "holds", "no data", "fails"]
-    altered(results, lambda rows: rows.assign(delay_s=rows["delay_s"] + 10.0 * (rows["size"] == 3)))
-    assert words(paged(results)) == ["fails", "fails", "no data", "holds"]
+    altered(results, lambda rows: rows.assign(rounds=rows["rounds"] + 0.1 * (rows["size"] == 2)))
+    assert words(paged(results)) == ["fails", "holds", "no data", "holds"]
+    altered(results, lambda rows: rows.assign(rounds=rows["rounds"] - 0.1 * (rows["size"] == 2)))
+    altered(results, lambda rows: rows.assign(delay_s=rows["delay_s"] - 10.0 * (rows["size"] == 3)))
+    assert words(paged(results)) == ["holds", "fails", "no data", "fails"]
     altered(results, lambda rows: rows[rows["replicate"] == 0])
-    assert words(paged(results))[1] == "open"  # a single run has no interval
+    assert words(paged(results)) == ["open", "open", "no data", "fails"]  # a single run has no interval
     altered(results, lambda rows: rows[rows["size"] == 2])
-    assert words(paged(results))[1] == "no data"
+    assert words(paged(results)) == ["open", "no data", "no data", "no data"]
 
 
 @pytest.mark.slow
