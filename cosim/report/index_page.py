@@ -9,6 +9,11 @@ from cosim.report.markup import Html, identifier, joined, tag
 from cosim.report.page import UNDECIDED, VERDICTS, chance_of, claims_table, counts, document, scrolling, verdict_word
 from cosim.report.tried import Judged, Tried, index_rows
 
+QUICK: Final = (
+    "Quick sweeps, of few runs: more stays open, some arms of whole sheets are missing, and where figures.py asks for a "
+    "proof, a claim may fail for want of runs."
+)
+"""What a reader of a quick reproduction must know."""
 COLUMNS: Final = ("verdict", "claim", "published", "ours", "why")
 
 
@@ -29,7 +34,7 @@ def index_page(tried: Mapping[str, Tried], quick: bool) -> str:
     there = {id_: each for id_, each in sections.items() if each[1]}
     failed = sum(bool(each.error) for each in tried.values())
     lead = f"{len(rows)} claims of {len(papers)} sources, held against {len(tried)} experiments."
-    size = "Quick sweeps: fewer runs, so that more stays open." if quick else "Whole sweeps."
+    size = QUICK if quick else "Whole sheets."
     head = [counts(row.verdict for row in rows), tag("p", size, class_="quiet")]
     if failed:
         head.append(tag("p", f"{failed} of the experiments have no report: see below."))

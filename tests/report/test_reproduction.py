@@ -55,14 +55,18 @@ def test_an_experiment_that_fails_is_told_and_does_not_end_the_others(cosim: Any
     written(folder / "sound")
     written(folder / "broken", sweep={"size": {"path": "nothing.such", "values": [1, 2]}})
     written(folder / "crashing", parameters={"size": 1, "broken": 3})
-    ended = cosim("reproduce", "broken", "crashing", "sound", "--quick", "--jobs", "1", "-o", "out")
+    written(folder / "blocked")
+    (folder / "out").mkdir()
+    (folder / "out/blocked").write_text("no folder", encoding="utf-8")
+    ended = cosim("reproduce", "broken", "blocked", "crashing", "sound", "--quick", "--jobs", "1", "-o", "out")
     assert ended.code == 1
     lines = ended.err.splitlines()
     assert "nothing.such" in next(line for line in lines if line.startswith("broken: "))
+    assert "blocked: NotADirectoryError: " in ended.err
     assert "crashing: 4 runs, 2 of them failed; 1 holds, 3 no data" in lines
     assert "sound: 4 runs, 0 of them failed; 3 holds, 1 no data" in lines
-    assert ended.out == "    4 holds\n    8 no data\nindex: out/index.html\n"
-    assert len(index(folder / "out")) == 3 * len(CLAIMS.splitlines())
+    assert ended.out == "    4 holds\n   12 no data\nindex: out/index.html\n"
+    assert len(index(folder / "out")) == 4 * len(CLAIMS.splitlines())
     page = (folder / "out/index.html").read_text(encoding="utf-8")
     links = set(re.findall(r'href="([a-z]+\.html)', page))
     assert links == {"sound.html", "crashing.html"}
@@ -98,8 +102,8 @@ def test_a_quick_verdict_other_than_that_kept_of_the_whole_sheet_is_listed(cosim
         ["third", "no data"],
         ["fourth", "holds"],
     ]
-    other = [line.replace("first,holds", "first,fails").replace("second,holds", "second,open") for line in kept]
-    (folder / "sound/verdicts.csv").write_text("\n".join(other), encoding="utf-8")
+    other = "\n".join(kept).replace("first,holds", "first,fails").replace("second,holds", "second,open")
+    (folder / "sound/verdicts.csv").write_text(other.replace("third,no data", "third,fails"), encoding="utf-8")
     ended = cosim("reproduce", "sound", "--quick", "--jobs", "1", "-o", "quick", "--json")
     assert json.loads(ended.out)["disagreeing"] == ["sound: first", "sound: second"]
     page = (folder / "quick/index.html").read_text(encoding="utf-8")
