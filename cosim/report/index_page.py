@@ -10,8 +10,8 @@ from cosim.report.page import UNDECIDED, VERDICTS, chance_of, claims_table, coun
 from cosim.report.tried import Judged, Tried, index_rows
 
 QUICK: Final = (
-    "Quick sweeps, of few runs: more stays open, some arms of whole sheets are missing, and where figures.py asks for a "
-    "proof, a claim may fail for want of runs."
+    "Quick sweeps, of few runs: more stays open, some arms of whole sheets are missing, and where figures.py asks for "
+    "a proof, a claim may fail for want of runs."
 )
 """What a reader of a quick reproduction must know."""
 COLUMNS: Final = ("verdict", "claim", "published", "ours", "why")
