@@ -13,7 +13,7 @@ import pandas as pd
 import yaml
 
 from cosim.report.claims import Claim, Verdict, source_folder
-from cosim.report.markup import Html, identifier, joined, markdown, tag
+from cosim.report.markup import Html, first_section, identifier, joined, markdown, tag
 from cosim.report.page import chance_of, claims_table, counts, document, frame_table, scrolling, terms, verdict_word
 from cosim.report.repeating import sweep_command
 from cosim.report.saving import NUMBERS
@@ -69,9 +69,7 @@ class _Page:
         readme = self._source / "README.md" if self._source else None
         if readme is None or not readme.is_file():
             return Html()
-        text = readme.read_text(encoding="utf-8", errors="replace")
-        first = re.split(r"^#{1,6} .*$", text, flags=re.MULTILINE)
-        return markdown(next((part for part in first if part.strip()), ""))
+        return markdown(first_section(readme.read_text(encoding="utf-8", errors="replace")))
 
     def _claims(self) -> Html:
         pairs = list(zip(self._made.claims, self._made.verdicts, strict=True))

@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 _VOID: Final = {"meta", "br", "img"}
 """Elements that have no end."""
-_SCROLLING: Final = "<div class='wide' tabindex='0' role='group'"
+_SCROLLING: Final = 'tabindex="0" role="group" aria-label'
 _ABROAD: Final = re.compile(r"https?://")
 
 
@@ -51,11 +51,27 @@ def markdown(text: str) -> Html:
     reader = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
     reader.add_render_rule("link_open", _link)
     # what is wider than a phone scrolls by itself, also by keys
-    reader.add_render_rule(
-        "table_open", lambda *_: '<div class="wide" tabindex="0" role="group" aria-label="table"><table>'
-    )
+    reader.add_render_rule("table_open", lambda *_: f'<div class="wide" {_SCROLLING}="table"><table>')
     reader.add_render_rule("table_close", lambda *_: "</table></div>")
+    reader.add_render_rule("code_block", _code)
+    reader.add_render_rule("fence", _code)
     return Html(reader.render(text))
+
+
+def first_section(text: str) -> str:
+    """Return what stands in *text*, Markdown, before its second heading, without the first one if it begins with it."""
+    from markdown_it import MarkdownIt
+
+    lines = text.splitlines(keepends=True)
+    heads = [token.map for token in MarkdownIt("commonmark").parse(text) if token.type == "heading_open" and token.map]
+    begins = [0, *(end for _, end in heads)]
+    ends = [*(begin for begin, _ in heads), len(lines)]
+    parts = ("".join(lines[begin:end]) for begin, end in zip(begins, ends, strict=True))
+    return next((part for part in parts if part.strip()), "")
+
+
+def _code(renderer: Any, tokens: Any, index: int, options: Any, env: Any) -> str:
+    return f'<pre {_SCROLLING}="code"><code>{escape(tokens[index].content)}</code></pre>'
 
 
 def _link(renderer: Any, tokens: Any, index: int, options: Any, env: Any) -> str:

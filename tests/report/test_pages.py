@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cosim.report.experiment_page import experiment_page
-from cosim.report.markup import Html, identifier, joined, markdown, tag
+from cosim.report.markup import Html, first_section, identifier, joined, markdown, tag
 from cosim.report.repeating import sweep_command
 from cosim.report.sweep_report import report
 from cosim.results import RunStore
@@ -225,6 +225,20 @@ def test_only_what_is_markup_already_is_put_in_as_it_is():
 def test_an_identifier_is_one_word_and_none_is_two_things():
     assert identifier("claim", "a b/c") == "claim-a_20b_2Fc"
     assert "'" not in identifier("claim", HOSTILE)
+
+
+@pytest.mark.parametrize(
+    ("text", "first"),
+    [
+        ("# a\n\nb\n\n## c\n\nd\n", "\nb\n\n"),
+        ("a\n\n# b\nc\n", "a\n\n"),
+        ("# a\n```\n# no heading\n```\nb\n# c\n", "```\n# no heading\n```\nb\n"),
+        ("# a\n# b\nc\n", "c\n"),
+        ("", ""),
+    ],
+)
+def test_the_first_section_ends_at_the_next_heading(text: str, first: str):
+    assert first_section(text) == first
 
 
 def test_markdown_has_no_markup_of_its_own_and_loads_nothing():
