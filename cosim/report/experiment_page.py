@@ -33,6 +33,7 @@ def experiment_page(folder: Path, made: Report) -> str:
 
 def write_page(path: Path, folder: Path, made: Report) -> None:
     """Write the page about the results in *folder*, of which *made* is the report, to *path*."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with drafted(path) as draft:
         draft.write_text(experiment_page(folder, made), encoding="utf-8")
 

@@ -182,6 +182,15 @@ def test_a_sweep_that_is_not_at_its_end_says_so():
     assert "2 of 6 runs: 2 arms, 3 replicates" in paged(results)
 
 
+@pytest.mark.slow
+def test_the_command_report_writes_the_page_beside_what_it_prints(cosim: Any):
+    swept(written(Path("delays")), Path("r"))
+    plain = cosim("report", "r")
+    ended = cosim("report", "r", "-o", "pages/delays.html")
+    assert (ended.code, ended.out) == (0, plain.out)
+    assert Path("pages/delays.html").read_text(encoding="utf-8") == paged(Path("r"))
+
+
 # ---------------------------------------------------------------- the command
 
 
