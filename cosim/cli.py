@@ -498,7 +498,8 @@ def reproduce(
 ) -> int:
     """Run EXPERIMENTS, all if none are named, and write a page for each and an index over all claims of all papers.
 
-    Runs that are there already are not made again. Exit code 1: an experiment or a run of one failed.
+    Runs that are there already are not made again. All quick ones take 11 minutes of processor time. Exit code 1: an
+    experiment, or a run of one, failed; a claim that fails is a result.
     """
     from cosim.report.reproduction import Reproduction
 
