@@ -2,6 +2,7 @@
 
 import base64
 import json
+import math
 import re
 import shlex
 from collections.abc import Mapping
@@ -116,7 +117,12 @@ class _Page:
             ],
             columns=["axis", "setting", "values"],
         )
-        design = "every combination of the axes' values, the same seeds for each: differences are paired by seed"
+        every = math.prod(len(axis.values) for axis in self._sweep.axes.values())
+        arms = len(self._sweep.configurations)
+        chosen = (
+            "every combination of the axes' values" if arms == every else f"{_counted(arms, 'arm')}, not all {every}"
+        )
+        design = f"{chosen}, the same seeds for each: differences are paired by seed"
         parts = [tag("h3", "Axes"), frame_table(axes, "Axes")] if len(axes) else []
         parts += [tag("p", f"Design: {design}.")] if len(axes) else []
         if self._base is not None:
