@@ -117,10 +117,11 @@ def _points(x: Any, y: Any) -> np.ndarray[Any, Any]:
 
 def _with_intervals(group: Any) -> np.ndarray[Any, Any]:
     points = _points(group[0].get_xdata(orig=False), group[0].get_ydata(orig=False))
-    if group.has_yerr:
-        ends = [segment[:, 1] for segment in group[2][-1].get_segments()]
-        if len(ends) == len(points):
-            points[:, 2:] = [(end.min(), end.max()) if len(end) else (np.nan, np.nan) for end in ends]
+    segments = group[2][-1].get_segments() if group.has_yerr else []
+    if len(segments) == len(points):
+        for point, segment in zip(points, segments, strict=True):
+            if np.ndim(segment) == 2 and len(segment):  # where there is no interval, there is no segment
+                point[2:] = segment[:, 1].min(), segment[:, 1].max()
     return points
 
 

@@ -32,6 +32,14 @@ def test_the_numbers_are_those_that_were_given_to_be_drawn():
     assert len(table) == 4  # no part of an interval counts as a line of its own
 
 
+def test_a_point_without_a_place_or_an_interval_has_none():
+    figure = Figure()
+    figure.subplots().errorbar([1, 2, 3], [10.0, np.nan, 30.0], yerr=[[1, np.nan, np.nan], [2, np.nan, np.nan]])
+    table = drawn(figure)
+    assert table["y"].tolist()[::2] == [10, 30]
+    assert table["low"].isna().tolist() == [False, True, True]
+
+
 def test_bands_bars_and_marks_have_their_numbers():
     figure = Figure()
     band, bars, marks = figure.subplots(3)
