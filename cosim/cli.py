@@ -517,6 +517,33 @@ def reproduce(
     return 1 if found.failed else 0
 
 
+@commands.command("compare", short_help="What differs between two sweeps, or two arms of one.")
+@click.argument("first", type=click.Path(path_type=Path))
+@click.argument("second", type=click.Path(path_type=Path), required=False)
+@click.option("--arm", "arms", multiple=True, metavar="AXIS=VALUE[,...]", help="Twice: two arms of FIRST.")
+@click.option("--bootstrap", is_flag=True, help="Intervals of the BCa bootstrap, for skewed values.")
+@_JSON
+def compare(first: Path, second: Path | None, arms: tuple[str, ...], bootstrap: bool, as_json: bool) -> None:
+    """Print how means differ from the folder FIRST to SECOND, seed by seed where both have it, and what else does."""
+    from cosim.report.differences import compare as compare_folders
+
+    with _waiting("comparing"):
+        found = compare_folders(first, second, arms, bootstrap)
+    click.echo(_json(found.plain()) if as_json else found.text())
+
+
+@commands.command("sensitivity", short_help="Which axis of a sweep moves which metric.")
+@click.argument("results", type=click.Path(path_type=Path))
+@_JSON
+def sensitivity(results: Path, as_json: bool) -> None:
+    """Print Sobol's indices or Morris's effects of RESULTS, of a sweep with the design saltelli or morris."""
+    from cosim.report.sensitivity import sensitivity as indices_of
+
+    with _waiting(f"reading {results}"):
+        found = indices_of(results)
+    click.echo(_json(found.plain()) if as_json else found.text())
+
+
 @commands.command("export", short_help="Write the table of a sweep as one file.")
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("output", type=click.Path(dir_okay=False, path_type=Path))

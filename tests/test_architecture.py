@@ -45,6 +45,7 @@ OWNERS = {
     "websockets": {"web"},
     "gymnasium": {"parallel"},
     "pettingzoo": {"parallel"},
+    "SALib": {"report"},
     "dask": {"sweep"},
     "distributed": {"sweep"},
     "random": set(),

@@ -8,6 +8,8 @@ The other modules are for such a figures.py. ``estimates`` has means with confid
 paired tests between a sweep's arms, which answer a claim. ``drawing`` has the usual figures, and parts of others;
 ``cosim.experiment.axis_titles`` what figures call the values of axes.
 
+``differences`` compares two sweeps or two arms of one (``cosim compare``), ``sensitivity`` tells which axis matters.
+
 ``by_choice`` judges the claims once for each value of an axis ``choice``:
 ``python -P -m cosim.report.by_choice RESULTS``.
 """

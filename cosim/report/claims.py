@@ -17,8 +17,9 @@
     the name of a function    in the experiment's ``figures.py``: (runs, observations) -> (ours, whether the claim
                               holds, or None for open); ("-", None) where it finds no data
 
-A quantity that is 0 or 1 in every row is a share, with Wilson's interval: 50 of 50 is not certain. A single replicate
-has no interval, and what needs one stays open.
+A quantity that is 0 or 1 in every row is a share, with Wilson's interval: 50 of 50 is not certain. What is to lie in a
+range has the wider one of Student's interval and of that for skewed values, so that a mean outside of it is seldom
+taken for one inside. A single replicate has no interval, and what needs one stays open.
 """
 
 import csv
@@ -45,7 +46,7 @@ from cosim.report.figures_module import MOST_LETTERS, call, shortened
 from cosim.results import SweepDescription
 from cosim.settings import Settings
 from cosim.statistics.equivalence import place
-from cosim.statistics.intervals import CONFIDENCE, Estimate, interval
+from cosim.statistics.intervals import CONFIDENCE, Estimate, cautious, interval
 
 WIDTH = 110
 """Columns of a terminal that claims are wrapped to."""
@@ -244,8 +245,8 @@ def _held(claim: Claim, rows: pd.DataFrame, found: Estimate) -> tuple[bool | Non
         return _all_equal(rows[ANSWER].to_numpy(dtype=float), published)
     if not found.known:
         return None, "a single replicate has no interval"
-    ends = f"the interval {found.low:.4g} to {found.high:.4g}"
     if test == INTERVAL:
+        ends = f"the interval {found.low:.4g} to {found.high:.4g}"
         inside = found.low <= published <= found.high
         return inside, f"{published:g} lies {'in' if inside else 'outside'} {ends}, which says little if that is wide"
     within = _WITHIN.fullmatch(test)
@@ -253,6 +254,8 @@ def _held(claim: Claim, rows: pd.DataFrame, found: Estimate) -> tuple[bool | Non
     low = -math.inf if test == "at most" else published - slack
     high = math.inf if test == "at least" else published + slack
     seeds = seeds_of(rows)
+    found = cautious(rows[ANSWER], seeds)
+    ends = f"the interval {found.low:.4g} to {found.high:.4g}"
     replicates = len(rows) if seeds is None else seeds[rows[ANSWER].notna()].nunique()
     placed = place(found, low, high, replicates)
     asked = f"{test} of {published:g}" if within else f"{test} {published:g}"

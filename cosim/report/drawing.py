@@ -23,6 +23,8 @@ OFFSET = 0.06
 """Distance between the points of neighbouring lines, in steps of the axis."""
 MOST_LABELS = 4
 """Largest number of names that stand side by side below a figure; more are turned upright."""
+MOST_TICKS = 20
+"""Largest number of values of an axis that have ticks and are joined by a line; more are those of a design."""
 BAND = (25, 75)
 """Percentiles of the band about a median over time."""
 INSTANTS = 200
@@ -53,7 +55,7 @@ def draw(
             lines[label] = _line(plot, arm, along, metric, colours[label])
         plot.set(title=f"{panel} {value!s}" if panel else "", xlabel=along or "")
         plot.grid(alpha=0.3)
-        if along in numeric:
+        if along in numeric and frame[along].nunique() <= MOST_TICKS:
             plot.set_xticks(sorted(frame[along].unique()))
         elif along and frame[along].nunique() > MOST_LABELS:
             plot.tick_params(axis="x", labelrotation=90)
@@ -77,7 +79,8 @@ def _line(plot: Any, frame: pd.DataFrame, along: str | None, metric: str, colour
     points = estimates(frame, [along] if along else [], [metric])
     places = points[along].tolist() if along else [0.0]
     means = [value.mean for value in points[metric]]
-    return plot.errorbar(places, means, yerr=_bars(points[metric]), marker="o", capsize=3, color=colour)
+    style = {"linestyle": "none"} if len(places) > MOST_TICKS else {}
+    return plot.errorbar(places, means, yerr=_bars(points[metric]), marker="o", capsize=3, color=colour, **style)
 
 
 def _bars(found: Iterable[Estimate]) -> Floats:

@@ -5,7 +5,7 @@ import json
 import math
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -18,12 +18,15 @@ from cosim.report.markup import Html, first_section, identifier, joined, markdow
 from cosim.report.page import chance_of, claims_table, counts, document, frame_table, scrolling, terms, verdict_word
 from cosim.report.repeating import sweep_command
 from cosim.report.saving import NUMBERS
+from cosim.report.sensitivity import design_of, design_rows
 from cosim.report.sweep_report import Report
 from cosim.results import RunStore, versions
 from cosim.trace import drafted
 
 MOST_FAILURES: Final = 200
 """The most runs that failed which a page names."""
+MOST_VALUES: Final = 20
+"""The most numbers of an axis that a page names one by one."""
 COLUMNS: Final = ("verdict", "claim", "published", "ours", "why")
 
 
@@ -111,18 +114,10 @@ class _Page:
 
     def _parameters(self) -> Html:
         axes = pd.DataFrame(
-            [
-                (name, axis.path or "several settings", ", ".join(map(str, axis.values)))
-                for name, axis in self._sweep.axes.items()
-            ],
+            [(name, axis.path or "several settings", _values(axis.values)) for name, axis in self._sweep.axes.items()],
             columns=["axis", "setting", "values"],
         )
-        every = math.prod(len(axis.values) for axis in self._sweep.axes.values())
-        arms = len(self._sweep.configurations)
-        chosen = (
-            "every combination of the axes' values" if arms == every else f"{_counted(arms, 'arm')}, not all {every}"
-        )
-        design = f"{chosen}, the same seeds for each: differences are paired by seed"
+        design = f"{self._design()}, the same seeds for each: differences are paired by seed"
         parts = [tag("h3", "Axes"), frame_table(axes, "Axes")] if len(axes) else []
         parts += [tag("p", f"Design: {design}.")] if len(axes) else []
         if self._base is not None:
@@ -130,6 +125,18 @@ class _Page:
             code = tag("pre", tag("code", text), tabindex="0", role="group", aria_label="settings")
             parts.append(tag("details", tag("summary", "All settings before the axes"), code))
         return joined(parts)
+
+    def _design(self) -> str:
+        """Return which combinations of the axes' values were run."""
+        arms = len(self._sweep.configurations)
+        every = math.prod(len(axis.values) for axis in self._sweep.axes.values())
+        drawn = design_rows(self._sweep)
+        kind = design_of(drawn)
+        if arms == every:
+            return "every combination of the axes' values"
+        if drawn:
+            return f"{len(drawn)} points of a design{f' of the kind {kind}' if kind else ''}"
+        return f"{_counted(arms, 'arm')}, not all {every} combinations of the axes' values"
 
     def _failures(self) -> Html:
         failed = self._runs[self._runs["status"] != "done"]
@@ -262,6 +269,13 @@ def _numbers(table: pd.DataFrame, file: Path) -> Html:
         tag("p", "As a file: ", link, class_="quiet"),
         frame_table(shown, f"numbers of {file.stem}"),
     )
+
+
+def _values(values: Sequence[Any]) -> str:
+    """Return the *values* of an axis; of very many numbers their range."""
+    if len(values) > MOST_VALUES and all(isinstance(each, int | float) for each in values):
+        return f"{len(set(values))} numbers, {min(values):g} to {max(values):g}"
+    return ", ".join(map(str, values))
 
 
 def _sentence(text: str) -> str:

@@ -15,6 +15,7 @@ from cosim.report.claims import Claim, Verdict, chance, judge, published_claims,
 from cosim.report.drawing import draw
 from cosim.report.estimates import estimates
 from cosim.report.figures_module import call, load_figures
+from cosim.report.sensitivity import design_rows
 from cosim.results import FIXED, OBSERVATION_FIXED, RunStore, SweepDescription
 from cosim.statistics.intervals import Estimate
 
@@ -84,7 +85,8 @@ def report(folder: Path) -> Report:
             drawn = [metric for metric in sweep.report.figures if metric in metrics] or metrics
             x, panel = sweep.report.x, sweep.report.panel
             known = [metric for metric in drawn if frame[metric].notna().any()]
-            made.figures += [draw(frame, axes, metric, x, folder, panel) for metric in known]
+            shown = [x if x in axes else axes[0]] if design_rows(sweep) else axes  # a line for each arm shows nothing
+            made.figures += [draw(frame, shown, metric, x, folder, panel) for metric in known]
     if hasattr(figures, "tables"):
         made.tables |= call(figures, "tables", good, seen)
     if hasattr(figures, "draw"):

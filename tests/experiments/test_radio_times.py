@@ -128,7 +128,7 @@ def test_late_and_locked_devices_are_counted_with_those_that_are_never_found():
     far = rows.assign(scan_interval_s=2.56, drift_ppm=20)
     both = pd.concat([near, far])
     nothing = pd.DataFrame()
-    assert discovery_figures.late_v11(nothing, both)[0].startswith("0.75 ± ")
+    assert discovery_figures.late_v11(nothing, both)[0].startswith("0.75 (0.301 to 0.954)")
     assert discovery_figures.late_v12(nothing, both) == ("-", None)
     assert discovery_figures.phase_locked(nothing, both) == ("-", None)  # none without drift
     assert discovery_figures.phase_locked(nothing, far.assign(drift_ppm=0))[1] is False

@@ -191,6 +191,26 @@ def test_the_command_report_writes_the_page_beside_what_it_prints(cosim: Any):
     assert Path("pages/delays.html").read_text(encoding="utf-8") == paged(Path("r"))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("design", "told"),
+    [
+        ("product", "every combination of the axes"),
+        ("one at a time", "4 arms, not all 6 combinations"),
+        ({"kind": "latin hypercube", "points": 5}, "5 points of a design, the same seeds"),
+        ({"kind": "saltelli", "points": 2}, "points of a design of the kind saltelli"),
+    ],
+)
+def test_a_page_tells_which_combinations_were_run(design: Any, told: str):
+    axes: dict[str, Any] = {"size": [2, 3, 4], "broken": [90, 91]}
+    if isinstance(design, dict):
+        axes = {name: {"path": name, "low": 2, "high": 200} for name in axes}
+    results = swept(written(Path("delays"), sweep=axes, design=design), Path("r"), replicates=1)
+    page = paged(results)
+    assert told in section(page, "parameters").replace("&#x27;", "'")
+    assert "cosim sweep delays/sweep.yaml --replicates 1 -o r" in section(page, "repeat")
+
+
 # ---------------------------------------------------------------- the command
 
 
