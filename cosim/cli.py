@@ -380,22 +380,6 @@ def _broken_command(name: str, why: str) -> click.Command:
     return click.Command(name, callback=fail, short_help=why, add_help_option=False, context_settings=anything)
 
 
-@commands.command("report", short_help="Tables and figures of a sweep.")
-@click.argument("results", type=click.Path(path_type=Path))
-@JSON
-def report(results: Path, as_json: bool) -> None:
-    """Print tables and write figures of RESULTS, ours beside the published ones."""
-    from cosim.report.sweep_report import report as make_report
-
-    set_up_is_done()
-    with waiting(f"reading {results}"):
-        found = make_report(results)
-    if as_json:
-        click.echo(as_plain_json(found.plain()))
-    else:
-        click.echo(found.text())
-
-
 # ---------------------------------------------------------------- pin
 
 

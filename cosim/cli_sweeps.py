@@ -142,6 +142,63 @@ def status(results: Path, as_json: bool) -> None:
     click.echo(as_plain_json(found._asdict()) if as_json else found.text())
 
 
+@click.command("report", short_help="Tables and figures of a sweep.")
+@click.argument("results", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Write all as one HTML page.")
+@JSON
+def report(results: Path, output: Path | None, as_json: bool) -> None:
+    """Print tables and write figures of RESULTS, ours beside the published ones."""
+    from cosim.report.experiment_page import write_page
+    from cosim.report.sweep_report import report as make_report
+
+    set_up_is_done()
+    with waiting(f"reading {results}"):
+        found = make_report(results)
+        if output is not None:
+            write_page(output, results, found)
+    if as_json:
+        click.echo(as_plain_json(found.plain()))
+    else:
+        click.echo(found.text())
+
+
+@click.command("reproduce", short_help="Run all experiments and judge all claims.")
+@click.argument("experiments", nargs=-1)
+@click.option("--quick", is_flag=True, help="Cut down for a first look, as each experiment says.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are processors by default.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of results and pages; results by default, or results/quick.",
+)
+@click.option("--keep", is_flag=True, help="Keep the verdicts beside each published.csv, as those of the whole sheet.")
+@JSON
+@told_of_compiling()
+def reproduce(
+    experiments: tuple[str, ...], quick: bool, jobs: int | None, output: Path | None, keep: bool, as_json: bool
+) -> int:
+    """Run EXPERIMENTS, all if none are named, and write a page for each and an index over all claims of all papers.
+
+    Runs that are there already are not made again. All quick ones take 11 minutes of processor time. Exit code 1: an
+    experiment, or a run of one, failed; a claim that fails is a result.
+    """
+    from cosim.report.reproduction import Reproduction
+
+    found = Reproduction(experiments, output or Path("results/quick" if quick else "results"), quick, jobs)
+    if keep and quick:
+        raise UserError("--keep: keeps the verdicts of whole sheets, expected no --quick beside it")
+    set_up_is_done()
+    for number, name in enumerate(found.tried, start=1):
+        with _keeping(), bar(f"{number} of {len(found.tried)}, {name}") as told:
+            tried = found.make(name, told)
+        click.echo(tried.line(), err=True)
+    for path in found.keep_verdicts() if keep else ():
+        click.echo(f"kept: {path}", err=True)
+    click.echo(as_plain_json(found.plain()) if as_json else found.text())
+    return 1 if found.failed else 0
+
+
 @click.command("compare", short_help="What differs between two sweeps, or two arms of one.")
 @click.argument("first", type=click.Path(path_type=Path))
 @click.argument("second", type=click.Path(path_type=Path), required=False)
@@ -260,5 +317,5 @@ def command(results: Path, row: int) -> None:
     click.echo(shlex.join(command_of(RunStore(results), row)))
 
 
-COMMANDS: Final = (sweep, status, compare, sensitivity, export, results_commands)
+COMMANDS: Final = (sweep, status, report, reproduce, compare, sensitivity, export, results_commands)
 """The commands of this file."""

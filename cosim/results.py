@@ -153,6 +153,11 @@ class SweepDescription(Settings):
         return self
 
     @property
+    def code(self) -> str:
+        """The digests of the code of the arms, each once; for most sweeps that is one."""
+        return ", ".join(dict.fromkeys(self.codes))
+
+    @property
     def runs(self) -> int:
         """Number of rows that the sweep has when it is finished: arms with the same settings have a row each."""
         return len(self.configurations) * self.replicates

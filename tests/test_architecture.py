@@ -36,6 +36,7 @@ OWNERS = {
     "simpy": {"kernel"},
     "pyarrow": {"trace", "columns", "parts", "results", "report", "export"},
     "pandas": {"trace", "results", "report", "export"},
+    "markdown_it": {"report"},
     "numba": {"jit"},
     "click": {"console", "cli_sweeps", "cli"},
     "rich": {"console"},

@@ -139,8 +139,7 @@ class _Side:
 
     def code(self) -> dict[str, str]:
         rest = {name: value for name, value in self.metadata.items() if name not in (_SCENARIO, "experiment")}
-        digests = ", ".join(code[:16] for code in dict.fromkeys(self.told.codes))
-        return {"digest of the sources": digests} | rest
+        return {"digest of the sources": self.told.code} | rest
 
 
 def compare(first: Path, second: Path | None = None, arms: Sequence[str] = (), bootstrap: bool = False) -> Comparison:

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from cosim.arrays import Floats
 from cosim.report.comparison import Label
 from cosim.report.estimates import estimates
+from cosim.report.saving import save
 from cosim.statistics.intervals import Estimate
 from cosim.trace import POSES, Trace
 
@@ -66,9 +66,7 @@ def draw(
         handles = [lines[label] for label in colours]
         plots[-1].legend(handles, list(colours), fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     path = folder / f"{metric}.png"
-    with mpl.rc_context({"savefig.dpi": 120}):
-        figure.savefig(path)
-    return path
+    return save(figure, path)
 
 
 def _arms(frame: pd.DataFrame, others: Sequence[str]) -> dict[str, pd.DataFrame]:
@@ -130,7 +128,7 @@ def draw_panels(
     plots[0].set_ylim(bottom=0)  # of all panels, once all is drawn: it fixes the upper end as well
     plots[0].set_ylabel(label)
     legend_outside(figure, plots)
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 
@@ -178,7 +176,7 @@ def draw_shares(
     for plot in plots[-1]:
         plot.set_xlabel("time, s")
     legend_outside(figure, plots.flat)
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

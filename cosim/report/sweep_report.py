@@ -11,12 +11,12 @@ from typing import Any
 
 import pandas as pd
 
-from cosim.report.claims import Verdict, chance, judge, published_claims, source_folder
+from cosim.report.claims import Claim, Verdict, chance, judge, published_claims, source_folder
 from cosim.report.drawing import draw
 from cosim.report.estimates import estimates
 from cosim.report.figures_module import call, load_figures
 from cosim.report.sensitivity import design_rows
-from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
+from cosim.results import FIXED, OBSERVATION_FIXED, RunStore, SweepDescription
 from cosim.statistics.intervals import Estimate
 
 
@@ -26,9 +26,12 @@ class Report:
 
     name: str
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    claims: list[Claim] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
+    """Of the claims, in their order."""
     figures: list[Path] = field(default_factory=list)
     failures: int = 0
+    sweep: SweepDescription | None = None
 
     def text(self) -> str:
         """Return the report for a terminal."""
@@ -70,8 +73,9 @@ def report(folder: Path) -> Report:
     name = sweep.experiment
     source = source_folder(sweep)
     figures = load_figures(source)
-    verdicts = [judge(claim, good, seen, figures) for claim in published_claims(source)]
-    made = Report(name, {}, verdicts, failures=len(runs) - len(good))
+    claims = published_claims(source)
+    verdicts = [judge(claim, good, seen, figures) for claim in claims]
+    made = Report(name, {}, claims, verdicts, failures=len(runs) - len(good), sweep=sweep)
     for title, frame, fixed in ((f"{name}, runs", good, FIXED), (f"{name}, observations", seen, OBSERVATION_FIXED)):
         metrics = _metrics(frame, axes, [each.name for each in fixed], sweep.report.metrics)
         if metrics:

@@ -182,7 +182,6 @@ def test_shares_of_pages_without_an_answer_are_told_by_mode():
     nothing = pd.DataFrame()
     assert paging_figures.unanswered(nothing, rows)[0].startswith("R2 exact 0.5 ± ")
     assert paging_figures.unanswered(nothing, rows[:2])[0] == "none"
-    assert paging_figures.command_to_slot(nothing, rows)[0].startswith("0.6667 ± ")
 
 
 @pytest.mark.slow
@@ -214,9 +213,7 @@ def test_figures_without_data_answer_that_there_is_none(module: ModuleType, rows
     answers = {
         getattr(module, name)(rows, rows)
         for name in dir(module)
-        if name
-        in {"late_v11", "late_v12", "late_interlaced", "phase_locked", "not_found_by_drift", "unanswered"}
-        | {"command_to_slot"}
+        if name in {"late_v11", "late_v12", "late_interlaced", "phase_locked", "not_found_by_drift", "unanswered"}
     }
     assert answers == {("-", None)}
     assert module.draw(rows, rows, Path()) == []
