@@ -1,6 +1,6 @@
 """What a paper claims, row by row in ``published.csv``, and whether our runs agree.
 
-``published.csv``, beside an experiment's sweep.yaml, holds one claim a row:
+``published.csv``, beside an experiment's sweep.yaml, holds one claim a row::
 
     id, paper, section, claim     what the paper says, and where
     quantity, where               what answers it, a column or an expression of columns such as ``delay_s <= 2.5`` (its
