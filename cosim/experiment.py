@@ -1,4 +1,4 @@
-"""An experiment: a scenario, axes that vary it, replicates; read from ``experiments/NAME/sweep.yaml`` or a user's file::
+"""An experiment: a scenario, axes that vary it, replicates; from ``experiments/NAME/sweep.yaml`` or a user's file::
 
     scenario: {...}                     or the name of a scenario file beside this one
     sweep:

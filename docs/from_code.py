@@ -7,7 +7,7 @@ it is kept in the repository, so that it cannot be out of date.
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from inspect import cleandoc
+from inspect import cleandoc, get_annotations
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -214,7 +214,7 @@ def _meaning(model: type[Settings], name: str, field: FieldInfo) -> tuple[str, s
 def _remark(model: type[Settings], name: str) -> str:
     """Return the docstring below the field, of the class or the base that declares it."""
     for base in model.__mro__:
-        if name in base.__dict__.get("__annotations__", {}):
+        if name in get_annotations(base):
             lines = ModuleAnalyzer.for_module(base.__module__).find_attr_docs().get((base.__qualname__, name), [])
             text = " ".join(" ".join(lines).split()).rstrip(".")
             return f"{text[:1].lower()}{text[1:]}"
