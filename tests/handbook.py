@@ -38,7 +38,7 @@ REASON = re.compile(r"<!-- not executed: (.+) -->")
 QUOTED = re.compile(r"<!-- lines of (\S+) -->")
 FULL = re.compile(r"cosim sweep (?:[a-z]\w*_\w+)(?= |$)(?!.*--replicates)")
 """The start of a sweep that has its full size."""
-SHORT = "--quick --replicates 1 --set duration_s=30"
+SHORT = "--quick --replicates 1 --set duration_s=5"
 """What makes such a sweep one of seconds."""
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

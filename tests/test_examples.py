@@ -2,8 +2,13 @@
 
 import ast
 import importlib
+import json
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -192,3 +197,48 @@ def test_robots_that_hear_nothing_stay_where_they_are(monkeypatch: pytest.Monkey
     together = importlib.import_module("together")
     told = together.play(["duration_s=5", "channel.loss=1.0"], 1)
     assert told["together_m"] == told["apart_m"]
+
+
+# ---------------------------------------------------------------- a notebook
+
+ANALYSIS = EXAMPLES / "analysis"
+
+
+def cells_of(script: str) -> list[tuple[str, str]]:
+    """Return kind and text of the cells of a script in jupytext's percent format."""
+    cells = []
+    for part in re.split(r"^# %%", script, flags=re.MULTILINE)[1:]:
+        title, _, body = part.partition("\n")
+        text = body.strip()
+        if "markdown" in title:
+            text = re.sub(r"^# ?", "", text.strip('"').strip(), flags=re.MULTILINE)
+            cells.append(("markdown", text))
+        else:
+            cells.append(("code", text))
+    return cells
+
+
+def test_the_notebook_is_the_script() -> None:
+    notebook = json.loads((ANALYSIS / "sizes.ipynb").read_text(encoding="utf-8"))
+    held = [(cell["cell_type"], "".join(cell["source"]).strip()) for cell in notebook["cells"]]
+    plain = [(kind, re.sub(r"^#+ ", "", text)) for kind, text in held]
+    script = cells_of((ANALYSIS / "sizes.py").read_text(encoding="utf-8"))
+    assert [(kind, re.sub(r"^#+ ", "", text)) for kind, text in script] == plain
+
+
+@pytest.mark.slow
+def test_the_notebook_prints_what_it_shows(tmp_path: Path) -> None:
+    shutil.copytree(ANALYSIS, tmp_path / "analysis", ignore=shutil.ignore_patterns("results", "__pycache__"))
+    notebook = json.loads((ANALYSIS / "sizes.ipynb").read_text(encoding="utf-8"))
+    outputs = [output for cell in notebook["cells"] for output in cell.get("outputs", ())]
+    shown = "".join("".join(output["text"]) for output in outputs if output["output_type"] == "stream")
+    ended = subprocess.run(
+        [sys.executable, "sizes.py"],
+        cwd=tmp_path / "analysis",
+        env=os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout) == (0, shown), ended.stderr
+    assert (tmp_path / "analysis" / "results" / "sizes" / "cost.png").stat().st_size > 0

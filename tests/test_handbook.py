@@ -1,5 +1,6 @@
-"""The handbook: its blocks do what it says, it builds without a warning, and says nothing of the machine it is built on."""
+"""The handbook: its blocks do what it says, and it builds without a warning and names no machine."""
 
+import csv
 import os
 import re
 import subprocess
@@ -10,7 +11,9 @@ import pytest
 
 from tests.checkout import ROOT
 from tests.fresh import blocks
-from tests.handbook import EXECUTED, PAGES_READ, PageError, Reader, answer_of, compare, furnish, left_out, title
+from tests.handbook import EXECUTED, PAGES_READ, PageError, Reader, furnish, left_out, title
+from tests.oracles.faults_band import BAND_FAULTS
+from tests.oracles.faults_rooms import ROOM_FAULTS
 
 MOST_LEFT_OUT = 10
 LANGUAGES = EXECUTED | {"text", "indented", "{toctree}", "{eval-rst}"}
@@ -72,6 +75,18 @@ def test_the_site_builds_without_a_warning_and_names_no_machine(tmp_path: Path) 
     )
     assert settings.count("<tr") > 400
     assert "from the code:" not in settings
+
+
+def test_the_page_on_validation_has_the_numbers_of_cases_and_rows() -> None:
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    told = dict(re.findall(r"^\| `(\w+)` \| (\d+) \|", page, re.MULTILINE))
+    assert len(told) > 20
+    for name, count in told.items():
+        with (ROOT / "experiments" / name / "published.csv").open(encoding="utf-8") as lines:
+            assert int(count) == sum(1 for _ in csv.DictReader(lines)), name
+    for name, counts in re.findall(r"\| (\d+), 10 000 \| `(\S+)`", page):
+        assert f"\nDEFAULT = {name}\n" in (ROOT / counts).read_text(encoding="utf-8")
+    assert f"| {len(BAND_FAULTS) + len(ROOM_FAULTS)} errors planted in" in page
 
 
 @pytest.mark.parametrize(
