@@ -115,7 +115,9 @@ class Reader:
             if SHORT in step and " -o " not in step:
                 step += f" -o results/{Path(step.split()[2]).name}"
             provide(Path.cwd(), step, told(self.page.read_text(encoding="utf-8")))
-            code, said = self._run(re.sub(r"--jobs \d+", "--jobs 1", step))
+            if step.startswith("cosim sweep "):  # processes cost their start, and change nothing
+                step = re.sub(r" --jobs \d+", "", step) + " --jobs 1"
+            code, said = self._run(step)
             printed += said
             if code:
                 break

@@ -3,17 +3,16 @@
 import ast
 import importlib
 import json
-import os
 import re
+import runpy
 import shlex
 import shutil
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -227,18 +226,17 @@ def test_the_notebook_is_the_script() -> None:
 
 
 @pytest.mark.slow
-def test_the_notebook_prints_what_it_shows(tmp_path: Path) -> None:
+def test_the_notebook_prints_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(ANALYSIS, tmp_path / "analysis", ignore=shutil.ignore_patterns("results", "__pycache__"))
-    notebook = json.loads((ANALYSIS / "sizes.ipynb").read_text(encoding="utf-8"))
+    monkeypatch.chdir(tmp_path / "analysis")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONUNBUFFERED", "1")
+    matplotlib.use("agg")
+    notebook = json.loads(Path("sizes.ipynb").read_text(encoding="utf-8"))
     outputs = [output for cell in notebook["cells"] for output in cell.get("outputs", ())]
     shown = "".join("".join(output["text"]) for output in outputs if output["output_type"] == "stream")
-    ended = subprocess.run(
-        [sys.executable, "sizes.py"],
-        cwd=tmp_path / "analysis",
-        env=os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (ended.returncode, ended.stdout) == (0, shown), ended.stderr
-    assert (tmp_path / "analysis" / "results" / "sizes" / "cost.png").stat().st_size > 0
+    runpy.run_path("sizes.py")
+    assert capfd.readouterr().out == shown
+    assert Path("results/sizes/cost.png").stat().st_size > 0
