@@ -20,9 +20,7 @@ language = "en"
 
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 source_suffix = {".md": "markdown"}
-exclude_patterns: list[str] = []
 myst_heading_anchors = 3
-suppress_warnings: list[str] = []
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
@@ -31,6 +29,9 @@ autodoc_default_options = {"members": True, "show-inheritance": False}
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"cosim {release}"
+html_static_path = ["_static"]
+html_css_files = ["handbook.css"]
+html_sidebars = {page: [] for page in ("index", "tutorial", "validation", "architecture")}  # no section to walk through
 html_copy_source = False
 html_show_sourcelink = False
 html_last_updated_fmt = None
@@ -62,4 +63,5 @@ def _known(app: Any, env: Any, node: Any, text: Any) -> Any:
 def setup(app: Any) -> None:
     """Have the pages that the code writes filled in as they are read, and names found as their modules know them."""
     app.connect("source-read", from_code.fill)
+    app.connect("env-get-outdated", from_code.outdated)
     app.connect("missing-reference", _known)

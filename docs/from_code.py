@@ -32,6 +32,11 @@ def fill(app: object, name: str, source: list[str]) -> None:
     source[0] = MARK.sub(lambda mark: PAGES[mark.group(1)](), source[0])
 
 
+def outdated(app: object, env: Any, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
+    """Return the pages that are to be read again though their own text is as it was."""
+    return [name for name in env.found_docs if MARK.search(env.doc2path(name).read_text(encoding="utf-8"))]
+
+
 # ---------------------------------------------------------------- the command line
 
 
@@ -142,6 +147,8 @@ def _table(model: type[Settings]) -> str:
 # ---------------------------------------------------------------- one field
 
 WORDS = {float: "number", int: "integer", str: "text", bool: "true or false", NoneType: "null", Any: "anything"}
+MOST_NAMED = 4
+"""Models that the type of a field names one by one."""
 BOUNDS = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}
 UNIT = re.compile(
     r"(?:µ|m|k|M)?(?:s|m|J|W|b/s|Hz|dB|dBm|dBi|rad|deg|degrees|slots|ticks|octets|bytes|cells)(?:/\w+\^?\d?|\^2)?|1/s|1/m"
@@ -166,6 +173,8 @@ def _kind(annotation: Any) -> str:
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _kind(inner[0])
+    if origin in (Union, UnionType) and len(list(_parts(annotation))) > MOST_NAMED:
+        return f"one of {len(list(_parts(annotation)))} kinds, below"
     if origin in (Union, UnionType):
         return " or ".join(dict.fromkeys(map(_kind, inner)))
     if origin is Literal:

@@ -1,14 +1,17 @@
 """The handbook: its blocks do what it says, and it builds without a warning and names no machine."""
 
 import csv
+import importlib
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
+from cosim.cli import commands
 from tests.checkout import ROOT
 from tests.fresh import blocks
 from tests.handbook import EXECUTED, PAGES_READ, PageError, Reader, furnish, left_out, title
@@ -16,6 +19,13 @@ from tests.oracles.faults_band import BAND_FAULTS
 from tests.oracles.faults_rooms import ROOM_FAULTS
 
 MOST_LEFT_OUT = 10
+
+
+def read(path: Path) -> str:
+    """Return the text of a page."""
+    return path.read_text(encoding="utf-8")
+
+
 LANGUAGES = EXECUTED | {"text", "indented", "{toctree}", "{eval-rst}"}
 WITH_BLOCKS = [
     path
@@ -57,7 +67,26 @@ def test_every_block_says_what_it_is() -> None:
 
 
 @pytest.mark.slow
+def test_every_command_and_every_setting_is_in_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("sphinx")
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    pages = importlib.import_module("from_code").PAGES
+    used = re.findall(r"^<!-- from the code: (\w+) -->$", "".join(map(read, PAGES_READ)), re.MULTILINE)
+    assert sorted(used) == sorted(pages)
+    for name in commands.list_commands(click.Context(commands)):
+        assert f"## `cosim {name}`\n" in pages["command_line"]()
+    settings = [pages[name]() for name in ("scenario", "channels", "protocols", "experiment")]
+    assert "| `stop_ratio` | number, > 0, ≤ 1 | `1.0` |  |" in settings[2]
+    for text in settings:
+        assert not re.findall(r"^.*\|  \|$", text, re.MULTILINE), "a setting without a meaning: give it a description"
+        links = re.findall(r"\(#([\w-]+)\)", text)
+        titles = {title.lower().replace(" ", "-") for title in re.findall(r"^##+ (.*)$", text, re.MULTILINE)}
+        assert set(links) <= titles
+
+
+@pytest.mark.slow
 def test_the_site_builds_without_a_warning_and_names_no_machine(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx")
     words = [sys.executable, "-m", "sphinx", "-W", "-n", "--keep-going", "-q", "-d", tmp_path / "read"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     built = subprocess.run(
