@@ -1,7 +1,7 @@
 """Pages of the handbook that the code writes: the command line from click, the settings from their models.
 
-Where a page has the line ``<!-- from the code: NAME -->``, the built site has what ``PAGES[NAME]`` returns. Nothing of
-it is kept in the repository, so that it cannot be out of date.
+In place of the lines from ``<!-- from the code: NAME -->`` to ``<!-- to here -->`` of a page, the built site has what
+``PAGES[NAME]`` returns. Nothing of it is kept in the repository, so that it cannot be out of date.
 """
 
 import re
@@ -24,7 +24,7 @@ from cosim.experiment import ExperimentSettings
 from cosim.scenario import Scenario, dump, protocol_names, protocol_spec
 from cosim.settings import Settings
 
-MARK = re.compile(r"^<!-- from the code: (\w+) -->$", re.MULTILINE)
+MARK = re.compile(r"^<!-- from the code: (\w+) -->\n.*?^<!-- to here -->$", re.MULTILINE | re.DOTALL)
 
 
 def fill(app: object, name: str, source: list[str]) -> None:
