@@ -1,4 +1,4 @@
-"""An experiment: a scenario, axes that vary it, replicates; read from ``experiments/NAME/sweep.yaml`` or a user's file.
+"""An experiment: a scenario, axes that vary it, replicates; from ``experiments/NAME/sweep.yaml`` or a user's file::
 
     scenario: {...}                     or the name of a scenario file beside this one
     sweep:
@@ -169,8 +169,8 @@ class ExperimentSettings(Settings):
     sweep: dict[str, AxisSettings] = Field(default_factory=dict, description="the axes")
     design: DesignSettings = Field(default_factory=DesignSettings, description="which combinations of them are run")
     replicates: Count = Field(default=10, ge=1, description="runs of each arm; all arms see the same seeds")
-    quick: QuickSettings = Field(default_factory=QuickSettings)
-    report: ReportSettings = Field(default_factory=ReportSettings)
+    quick: QuickSettings = Field(default_factory=QuickSettings, description="what --quick cuts down")
+    report: ReportSettings = Field(default_factory=ReportSettings, description="what the report shows")
 
     @field_validator("sweep", mode="before")
     @classmethod

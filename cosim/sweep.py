@@ -327,7 +327,8 @@ def command_of(store: RunStore, row: int) -> list[str]:
         raise UserError(f"{store.folder}: has {len(runs)} rows, from 0, expected one of them, not {row}")
     asked = runs.slice(row, 1).to_pylist()[0]
     labels = told.labels[told.configurations.index(asked["configuration"])]
-    sets = [*told.given, *(f"{name}={value}" for name, value in zip(told.axes, labels, strict=True))]
+    values = zip(told.axes.items(), labels, strict=True)
+    sets = [*told.given, *(f"{axis.path or name}={value}" for (name, axis), value in values)]
     experiment = load_experiment(told.source, sets)
     (arm,) = experiment.arms
     if arm.run is None:

@@ -2,13 +2,17 @@
 
 import ast
 import importlib
+import json
 import re
+import runpy
 import shlex
+import shutil
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -192,3 +196,47 @@ def test_robots_that_hear_nothing_stay_where_they_are(monkeypatch: pytest.Monkey
     together = importlib.import_module("together")
     told = together.play(["duration_s=5", "channel.loss=1.0"], 1)
     assert told["together_m"] == told["apart_m"]
+
+
+# ---------------------------------------------------------------- a notebook
+
+ANALYSIS = EXAMPLES / "analysis"
+
+
+def cells_of(script: str) -> list[tuple[str, str]]:
+    """Return kind and text of the cells of a script in jupytext's percent format."""
+    cells = []
+    for part in re.split(r"^# %%", script, flags=re.MULTILINE)[1:]:
+        title, _, body = part.partition("\n")
+        text = body.strip()
+        if "markdown" in title:
+            text = re.sub(r"^# ?", "", text.strip('"').strip(), flags=re.MULTILINE)
+            cells.append(("markdown", text))
+        else:
+            cells.append(("code", text))
+    return cells
+
+
+def test_the_notebook_is_the_script() -> None:
+    notebook = json.loads((ANALYSIS / "sizes.ipynb").read_text(encoding="utf-8"))
+    held = [(cell["cell_type"], "".join(cell["source"]).strip()) for cell in notebook["cells"]]
+    plain = [(kind, re.sub(r"^#+ ", "", text)) for kind, text in held]
+    script = cells_of((ANALYSIS / "sizes.py").read_text(encoding="utf-8"))
+    assert [(kind, re.sub(r"^#+ ", "", text)) for kind, text in script] == plain
+
+
+@pytest.mark.slow
+def test_the_notebook_prints_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ANALYSIS, tmp_path / "analysis", ignore=shutil.ignore_patterns("results", "__pycache__"))
+    monkeypatch.chdir(tmp_path / "analysis")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONUNBUFFERED", "1")
+    matplotlib.use("agg")
+    notebook = json.loads(Path("sizes.ipynb").read_text(encoding="utf-8"))
+    outputs = [output for cell in notebook["cells"] for output in cell.get("outputs", ())]
+    shown = "".join("".join(output["text"]) for output in outputs if output["output_type"] == "stream")
+    runpy.run_path("sizes.py")
+    assert capfd.readouterr().out == shown
+    assert Path("results/sizes/cost.png").stat().st_size > 0

@@ -1,13 +1,13 @@
 """What a paper claims, row by row in ``published.csv``, and whether our runs agree.
 
-``published.csv``, beside an experiment's sweep.yaml, holds one claim a row:
+``published.csv``, beside an experiment's sweep.yaml, holds one claim a row::
 
     id, paper, section, claim     what the paper says, and where
     quantity, where               what answers it, a column or an expression of columns such as ``delay_s <= 2.5`` (its
                                   mean is a share), and which rows (a pandas query; all, if empty)
     unit, published, test         the printed value, and how ours is compared with it
 
-``test`` is one of these:
+``test`` is one of these::
 
     equal                     every single row is what is printed
     within N %, at least,     the whole 95 % interval of our mean lies in that range: holds; wholly outside: fails;
