@@ -59,6 +59,8 @@ class Radio:
 
     def forget(self, now: Time) -> list[Held]:
         """Return the frames, once, whose fate was not reported in time."""
+        if not self._held or now - next(iter(self._held.values())).since < self._patience:  # the oldest is the first
+            return []
         gone = [token for token, held in self._held.items() if now - held.since >= self._patience]
         return [self._held.pop(token) for token in gone]
 
@@ -186,9 +188,11 @@ class Sender:
                 hop = self._hop(author)
                 if hop is not None:
                     self._send(hop, encode(Frame(self._me, author, self._incarnation, stream.acknowledge())), now)
-        self._send_publications(now)
-        self._send_relayed(now)
-        while self._send_part(now):
+        if self._publications:
+            self._send_publications(now)
+        if self._relays:
+            self._send_relayed(now)
+        while self.outbound and self._send_part(now):
             pass
 
     def _hop(self, destination: Address) -> Address | None:
