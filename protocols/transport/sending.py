@@ -8,6 +8,7 @@ from binascii import crc_hqx
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -110,7 +111,7 @@ class Sender:
         self._spread = from_seconds(parameters.spread_s) if links is None else 0
         self._publications: dict[tuple[Address, int], tuple[Time, bytes]] = {}
         """When each may be sent, and its frame, by author and topic."""
-        self._relays: dict[Address, deque[bytes]] = defaultdict(lambda: deque(maxlen=RELAYED))
+        self._relays: dict[Address, deque[bytes]] = defaultdict(partial(deque, maxlen=RELAYED))
         self._out: list[Outgoing] = []
 
     # ------------------------------------------------------------ what is to be sent
