@@ -12,6 +12,7 @@ import pickle
 from typing import Final
 
 from cosim.errors import UserError
+from cosim.live.handing import handed
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES
@@ -30,7 +31,8 @@ def check_apart(scenario: Scenario, seed: int) -> None:
     if _begun(together) != _begun(alone):
         raise UserError(f"protocol.use: the machines of {use} share state, and live each is a process of its own")
     try:
-        pickle.dumps(together.machines)
+        for machine in together.machines:
+            handed(machine)
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise UserError(f"protocol.use: the machines of {use} cannot go from process to process: {error}") from None
 

@@ -5,7 +5,6 @@ whom it comes from is told by its port. Only 127.0.0.1 is sent to and heard.
 """
 
 import os
-import pickle
 import select
 import signal
 import socket
@@ -18,6 +17,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from cosim.arrays import Floats
 from cosim.errors import LocalProtocolError
+from cosim.live.handing import handed
 from cosim.machine import BROADCAST, OPERATOR, Address, Command, Event, LinkEvent, Machine, Outgoing, Reception
 from cosim.node import misuse, shown
 from cosim.observation import Observation, Seen
@@ -169,7 +169,7 @@ class Host:
             self._drain()
             if os.getppid() != parent:
                 return
-        self._answer(Handed(pickle.dumps(self._machine)))
+        self._answer(Handed(handed(self._machine)))
 
     def _now(self) -> Time:
         """Return the time of the run, which never goes back."""

@@ -6,12 +6,11 @@ whose process ends, whoever has ended it, is dead.
 """
 
 import multiprocessing
-import pickle
 import socket
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -21,8 +20,10 @@ from typing import Any, Final
 from cosim.channels.ideal import IdealSettings
 from cosim.channels.radios import RadiosSettings
 from cosim.errors import LocalProtocolError, UserError
+from cosim.faults.events import Killed, events_of
 from cosim.kernel import DELIVER, FAULT
 from cosim.live.apart import check_apart
+from cosim.live.handing import taken_back
 from cosim.live.loopback import LoopbackSettings
 from cosim.live.robot import (
     HOST,
@@ -44,6 +45,7 @@ from cosim.node import Node
 from cosim.observation import Observation, Seen
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
+from cosim.trace import Table, Trace, events_table
 from cosim.units import MS, S, Time, to_seconds
 
 MOST_ROBOTS: Final = 64
@@ -68,7 +70,8 @@ def live(scenario: Scenario, seed: int, tell: Tell) -> Outcome:
     """
     ideal = _ideal(scenario)
     check_apart(scenario.model_copy(update={"channel": ideal}), seed)
-    simulation = Simulation(scenario.model_copy(update={"channel": LoopbackSettings(ideal=ideal)}), seed)
+    loopback = scenario.model_copy(update={"channel": LoopbackSettings(ideal=ideal)})
+    simulation = Simulation(loopback, seed, trace=partial(_mortal, scenario))
     team = Team(simulation, tell)
     try:
         team.play()
@@ -92,6 +95,12 @@ def _ideal(scenario: Scenario) -> IdealSettings:
         raise UserError(f"channel.{flaw}: {getattr(channel, flaw):g} is not 0: UDP has its own")
     range_m = channel.range_m if isinstance(channel, IdealSettings) else None
     return IdealSettings(range_m=range_m)
+
+
+def _mortal(scenario: Scenario, tables: Sequence[Table]) -> Trace:
+    """Return the trace of a run with these *tables*, the first that of events, in which every robot can be killed."""
+    events = dict.fromkeys((*scenario.protocol.spec.events, *events_of(scenario.faults), Killed))
+    return Trace((events_table(tuple(events)), *tables[1:]))
 
 
 class Remote(Drains):
@@ -126,7 +135,7 @@ class Remote(Drains):
         if self.flush():
             self._tell(self._sensed(observation))
         else:
-            self.missed += 1
+            self.missed += not self.gone
         return False
 
     def wake(self, now: Time) -> None:
@@ -221,7 +230,7 @@ class Team:
         for robot, (process, port) in enumerate(zip(self._processes, self._ports, strict=True)):
             self._tell(f"robot {robot}: process {process.pid}, UDP {HOST}:{port}")
         self._tell(f"for at most {simulation.scenario.duration_s:g} s; Ctrl-C ends all")
-        while not simulation.advance(max(self._now(), simulation.kernel.now)):
+        while not simulation.advance(self._now()):
             self._bury()
             for remote in self._remotes:
                 remote.flush()
@@ -243,7 +252,7 @@ class Team:
         self._pipes.clear()
 
     def _now(self) -> Time:
-        return min(time.monotonic_ns() - self._begun_ns, self._simulation.scenario.duration)
+        return max(0, min(time.monotonic_ns() - self._begun_ns, self._simulation.scenario.duration))
 
     def _bury(self) -> None:
         """End the processes of robots that a fault has killed."""
@@ -279,7 +288,7 @@ class Team:
             case Report():
                 self._at(answer.at, partial(self._act, robot, answer), DELIVER)
             case Handed(machine):
-                self._simulation.machines[robot] = pickle.loads(machine)
+                self._simulation.machines[robot] = taken_back(machine)
             case Failed(why):
                 raise LocalProtocolError(why)
 
