@@ -32,7 +32,7 @@ def check_apart(scenario: Scenario, seed: int) -> None:
         raise UserError(f"protocol.use: the machines of {use} share state, and live each is a process of its own")
     try:
         for machine in together.machines:
-            handed(machine)
+            pickle.loads(handed(machine))
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise UserError(f"protocol.use: the machines of {use} cannot go from process to process: {error}") from None
 

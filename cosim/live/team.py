@@ -6,6 +6,7 @@ whose process ends, whoever has ended it, is dead.
 """
 
 import multiprocessing
+import pickle
 import socket
 import time
 import warnings
@@ -23,7 +24,6 @@ from cosim.errors import LocalProtocolError, UserError
 from cosim.faults.events import Killed, events_of
 from cosim.kernel import DELIVER, FAULT
 from cosim.live.apart import check_apart
-from cosim.live.handing import taken_back
 from cosim.live.loopback import LoopbackSettings
 from cosim.live.robot import (
     HOST,
@@ -288,7 +288,7 @@ class Team:
             case Report():
                 self._at(answer.at, partial(self._act, robot, answer), DELIVER)
             case Handed(machine):
-                self._simulation.machines[robot] = taken_back(machine)
+                self._simulation.machines[robot] = pickle.loads(machine)
             case Failed(why):
                 raise LocalProtocolError(why)
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import re
 import signal
 import socket
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from statistics import median
+from struct import Struct
 from typing import Any
 
 import pytest
@@ -19,6 +21,7 @@ import pytest
 from cosim.channels.ideal import IdealSettings
 from cosim.errors import LocalProtocolError, UserError
 from cosim.live.apart import check_apart
+from cosim.live.handing import handed
 from cosim.live.robot import bound_socket
 from cosim.live.team import live
 from cosim.scenario import Scenario, build
@@ -229,6 +232,7 @@ def test_machines_that_share_state_are_refused_in_one_sentence() -> None:
         ("monitoring", MONITORING, {}),
         ("exploration", EXPLORING, {"team": EXPLORERS}),
         ("agents", {"message_octets": 4, "transport": {"links": {}}}, {}),
+        ("reflection", {"algorithm": "potential_field", "targets": [[[10, 10]]]}, {}),
         ("pseudonet", {"algorithm": "spanning_tree"}, {"floorplan": {"map": "walls", "bounds_m": [0, 0, 4, 4]}}),
     ],
 )
@@ -259,6 +263,26 @@ def test_sockets_are_of_the_loopback_interface_only() -> None:
         assert one.getsockname()[0] == "127.0.0.1"
         assert one.family == socket.AF_INET
         assert one.type & socket.SOCK_DGRAM
+
+
+class Keeps:
+    """A machine that keeps what comes along, and what does not."""
+
+    def __init__(self) -> None:
+        self.count = 7
+        self.nested = lambda: self.count
+        self.memory = memoryview(b"abc")
+        self.packs = Struct(">d").pack
+        self.rounds = round
+
+
+def test_what_cannot_go_from_process_to_process_stays_behind_and_says_so() -> None:
+    there: Any = pickle.loads(handed(Keeps()))  # type: ignore[arg-type]
+    assert there.count == 7
+    assert there.rounds is round
+    for left in (there.nested, there.memory, there.packs):
+        with pytest.raises(LocalProtocolError, match="has left in its process"):
+            left()
 
 
 # ---------------------------------------------------------------- times
