@@ -14,7 +14,7 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
@@ -260,6 +260,36 @@ def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
         if top in depths:
             depths[top] = max(depths[top], call[2])
     return max(tops, key=lambda top: (depths[top], -calls[top][1]))
+
+
+# ---------------------------------------------------------------- live
+
+
+@commands.command("live", short_help="Make a run on the wall clock, each robot a process.")
+@click.argument("scenario")
+@click.option("--udp", is_flag=True, help="Robots talk by UDP, on 127.0.0.1 only: there is no other way yet.")
+@click.option("--seed", type=SEED, help="Instead of the scenario's own.")
+@SETS
+@JSON
+@told_of_compiling()
+def live(scenario: str, udp: bool, seed: int | None, sets: tuple[str, ...], as_json: bool) -> None:
+    """Make a run of SCENARIO in real time: each robot's machine is a process, and its payloads are UDP datagrams."""
+    from cosim.live.team import live as make
+    from cosim.scenario import dump
+
+    if not udp:
+        raise UserError("--udp is missing: robots talk by UDP, on 127.0.0.1 only, and by nothing else yet")
+    chosen = _scenario(scenario, sets)
+    seed = chosen.seed if seed is None else seed
+    with _naming(scenario, sets):
+        outcome = make(chosen, seed, partial(click.echo, err=True))
+    for line in _few(outcome.notices):
+        click.echo(line, err=True)
+    if as_json:
+        found = {"seed": seed, "parameters": dump(chosen), "metrics": outcome.metrics, "notices": outcome.notices}
+        click.echo(as_plain_json(found))
+        return
+    click.echo(_metrics(outcome, seed))
 
 
 # ---------------------------------------------------------------- view, and the pages of protocols

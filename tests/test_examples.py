@@ -41,7 +41,7 @@ def run(name: str, *sets: str) -> dict[str, float]:
 
 def test_the_examples_are_numbered_from_one() -> None:
     numbers = sorted(int(path.name.split("_")[0]) for path in EXAMPLES.glob("*.yaml"))
-    assert numbers == [1, 2, 3, 4, 5]
+    assert numbers == [1, 2, 3, 4, 5, 6]
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
@@ -92,6 +92,14 @@ def test_both_plays_are_done_though_the_host_fails() -> None:
     assert metrics["refused"] == 0
     assert metrics["successions"] >= 1
     assert metrics["collisions"] == 0
+
+
+def test_robots_on_given_paths_are_taken_for_dead_while_out_of_reach() -> None:
+    metrics = run("6_trajectories")
+    assert metrics["distance_m"] == pytest.approx(110)  # robot 0 stands, 1 goes 35 m and back, 2 four sides of 10 m
+    assert metrics["mistakes"] == 4  # between robot 1 and the others, both ways
+    assert metrics["suspicions_standing"] == 0
+    assert metrics["accuracy"] < 1
 
 
 # ---------------------------------------------------------------- a protocol of one's own

@@ -46,7 +46,7 @@ from cosim.report.figures_module import MOST_LETTERS, call, shortened
 from cosim.results import SweepDescription
 from cosim.settings import Settings
 from cosim.statistics.equivalence import place
-from cosim.statistics.intervals import CONFIDENCE, Estimate, cautious, interval
+from cosim.statistics.intervals import CONFIDENCE, Estimate, cautious, estimate, interval
 
 WIDTH = 110
 """Columns of a terminal that claims are wrapped to."""
@@ -177,7 +177,8 @@ def judge(claim: Claim, runs: pd.DataFrame, seen: pd.DataFrame, figures: ModuleT
     if rows is None or missing:
         asked = f" where {claim.where}" if claim.where else ""
         return _verdict(claim, "-", "no data", f"no run has a value of {claim.quantity or 'any quantity'}{asked}")
-    found = interval(rows[ANSWER], seeds_of(rows))
+    single = claim.test == "equal"  # of every row: no share of them
+    found = (estimate if single else interval)(rows[ANSWER], seeds_of(rows))
     holds, reason = _held(claim, rows, found)
     return _verdict(claim, str(found), _word(holds), reason)
 
