@@ -11,7 +11,10 @@ from typing import Any
 import pytest
 
 from cosim.experiment import experiment_folders
+from cosim.report.claims import published_claims
+from cosim.report.page import VERDICTS
 from cosim.report.reproduction import Reproduction
+from cosim.report.tried import kept_verdicts
 from tests.checkout import DATA
 from tests.report.sheets import CLAIMS, written
 
@@ -126,6 +129,14 @@ def test_experiments_whose_folders_have_one_name_are_refused(cosim: Any, folder:
     ended = cosim("reproduce", "a/sound", "b/sound")
     assert ended.code == 2
     assert "expected experiments in folders of different names" in ended.err
+
+
+def test_verdicts_that_are_kept_are_of_claims_that_there_are():
+    kept = {at: kept_verdicts(at) for at in experiment_folders().values()}
+    assert sum(map(len, kept.values())) >= 163
+    for at, verdicts in kept.items():
+        assert verdicts.keys() <= {claim.id for claim in published_claims(at)}
+        assert set(verdicts.values()) <= set(VERDICTS)
 
 
 def test_kept_verdicts_in_another_form_are_told(folder: Path):
