@@ -6,7 +6,7 @@ from scipy import stats
 
 from cosim.randomness import Streams
 from cosim.statistics.equivalence import place
-from cosim.statistics.intervals import Estimate, bootstrapped, estimate, interval, paired, share, unpaired
+from cosim.statistics.intervals import Estimate, bootstrapped, cautious, estimate, interval, paired, share, unpaired
 
 
 @pytest.mark.parametrize(("ones", "count"), [(50, 50), (0, 20), (19, 20), (1, 3), (7, 12)])
@@ -45,6 +45,24 @@ def test_values_that_differ_within_runs_as_much_as_between_them_count_nearly_all
     alone = stats.binomtest(int(values.sum()), 4000).proportion_ci(method="wilson")
     assert found.half == pytest.approx((alone.high - alone.low) / 2, rel=0.15)
     assert found.half >= (alone.high - alone.low) / 2 - 1e-12  # never more trials than values
+
+
+def test_runs_that_make_up_for_each_other_count_no_more_than_their_values():
+    found = share([1.0, 0.0] * 10, np.arange(20) // 2)  # every seed has a half: their mean does not vary at all
+    theirs = stats.binomtest(10, 20).proportion_ci(method="wilson")
+    assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), abs=1e-12)
+
+
+def test_a_cautious_interval_reaches_farther_to_the_side_of_the_skew():
+    values = np.array([1.0, 1.1, 1.2, 1.3, 1.5, 1.9, 2.8, 5.0])
+    found, usual, mirrored = cautious(values), estimate(values), cautious(-values)
+    assert (found.low, found.mean) == (usual.low, usual.mean)
+    assert found.high > usual.high + 0.5 * usual.half
+    assert (-mirrored.high, -mirrored.low) == pytest.approx((found.low, found.high), rel=1e-12)
+    assert cautious(np.repeat(values, 3), np.arange(24) // 3)[:3] == pytest.approx(found[:3], rel=1e-12)
+    assert cautious([1.0, 2.0, 3.0]) == pytest.approx(estimate([1.0, 2.0, 3.0]))  # not skewed
+    assert cautious([2.0, 2.0]) == estimate([2.0, 2.0])
+    assert cautious([1.0, 1.0, 0.0]) == share([1.0, 1.0, 0.0])
 
 
 def test_one_seed_has_no_interval():
@@ -104,6 +122,8 @@ def test_a_bootstrap_of_nothing_that_varies_has_no_interval():
         (Estimate(2.0, 1.9, 2.1, 10), False, 2.16, None),
         (Estimate(2.54, 2.34, 2.74, 10), None, 2.64, 40),  # twice as far as it is to the bound: four times as many
         (Estimate(2.74, 2.54, 2.94, 10), None, 2.64, 40),
+        (Estimate(2.54, 2.52, 2.74, 10), None, 2.64, 40),  # the end towards the bound counts
+        (Estimate(2.74, 2.54, 2.76, 10), None, 2.64, 40),
         (Estimate(2.64, 2.54, 2.74, 10), None, 2.64, None),
         (Estimate(2.64 + 1e-6, 2.54, 2.74, 10), None, 2.64, None),
         (Estimate(2.5, math.nan, math.nan, 1), None, 2.64, None),
