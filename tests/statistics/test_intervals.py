@@ -94,7 +94,7 @@ def test_a_difference_of_other_seeds_has_the_interval_of_welch():
     found = unpaired(one, other)
     assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), rel=1e-9)
     assert not unpaired([1.0], other).known
-    assert unpaired([1.0, 1], [3.0, 3]) == (2.0, 2.0, 2.0, 4)
+    assert unpaired([1.0, 1], [3.0, 3]) == Estimate(2.0, 2.0, 2.0, 4)
 
 
 def test_the_bootstrap_is_that_of_scipy_and_the_same_each_time():
@@ -135,6 +135,15 @@ def test_an_interval_lies_inside_outside_or_across(
     placed = place(found, 2.16, 2.64, 10)
     assert (placed.within, placed.bound) == (within, pytest.approx(bound))
     assert placed.needed == (needed and pytest.approx(needed, abs=1))
+
+
+def test_a_share_that_is_all_ones_needs_as_many_replicates_as_wilson_says():
+    found = share(np.ones(400), np.arange(400) // 100)  # 4 seeds of which each always agrees: 0.51 to 1
+    placed = place(found, 0.96, 1.02, 4)
+    assert (placed.within, placed.bound) == (None, 0.96)  # no share lies above the other one
+    assert placed.needed == 93  # n / (n + 1.96^2) >= 0.96 from n = 92.2 on
+    assert place(share(np.ones(93)), 0.96, 1.02, 93).within is True
+    assert place(share(np.ones(92)), 0.96, 1.02, 92).within is None
 
 
 def test_a_range_may_be_open_at_one_end():
