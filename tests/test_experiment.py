@@ -426,6 +426,13 @@ def test_a_whole_number_is_drawn_only_where_the_setting_is_one():
     assert len({arm.labels["duration"] for arm in experiment.arms}) == 16
 
 
+@pytest.mark.parametrize(("low", "high", "kind"), [(1, 3, int), (1.0, 3.0, float), (1, 3.5, float)])
+def test_what_has_no_model_is_whole_if_its_bounds_are(low: float, high: float, kind: type):
+    sweep = {"size": {"path": "size", "low": low, "high": high}}
+    plain = {"run": "delays:metrics", "parameters": {"size": 2}, "sweep": sweep, "design": DRAWN["design"]}
+    assert {type(arm.labels["size"]) for arm in load_experiment(written(plain)).arms} == {kind}
+
+
 def test_one_at_a_time_varies_each_axis_beside_the_first_values():
     sweep = SWEEP["sweep"] | {"protocol.parameters.calls": [1, 2, 3]}
     experiment = load_experiment(written(SWEEP | {"sweep": sweep, "design": "one at a time"}))

@@ -19,30 +19,36 @@ class Placed(NamedTuple):
 
     within: bool | None
     bound: float
-    """The bound that is nearest to the mean."""
+    """The bound that it crosses, the one that is nearer to the mean; else the nearest."""
     needed: int | None
     """About how many replicates would decide; None if no number would, or it is decided."""
 
 
 def place(found: Estimate, low: float, high: float, replicates: int) -> Placed:
-    """Return where the interval of *found*, of so many *replicates*, lies in the range from *low* to *high*.
+    """Return where the interval of *found*, of so many *replicates*, lies in the range from *low* to *high*."""
+    within = _within(found, low, high)
+    crossed = [bound for bound in (low, high) if found.low < bound < found.high] if within is None else []
+    bound = min(crossed or (low, high), key=lambda each: abs(found.mean - each))
+    needed = _needed(found, low, high, replicates) if within is None and found.known else None
+    return Placed(within, bound, needed)
 
-    An interval shrinks with the root of their number, about a mean that is taken to stay where it is.
-    """
-    bound = min((low, high), key=lambda each: abs(found.mean - each))
-    if not found.known:
-        return Placed(None, bound, None)
+
+def _within(found: Estimate, low: float, high: float) -> bool | None:
     slack = 1e-12 * max(abs(each) for each in (low, high) if math.isfinite(each))  # the rounding of a sum
     if low - slack <= found.low and found.high <= high + slack:
-        return Placed(True, bound, None)
-    if found.high < low - slack or found.low > high + slack:
-        return Placed(False, bound, None)
-    return Placed(None, bound, _needed(found, bound, replicates))
+        return True
+    return False if found.high < low - slack or found.low > high + slack else None
 
 
-def _needed(found: Estimate, bound: float, replicates: int) -> int | None:
-    half = found.mean - found.low if bound < found.mean else found.high - found.mean
-    distance = abs(found.mean - bound)
-    if replicates * half**2 > MOST * distance**2:
+def _needed(found: Estimate, low: float, high: float, replicates: int) -> int | None:
+    """Return the least number of replicates that would decide, if the mean stays where it is."""
+    few, many = replicates, MOST
+    if _within(found.grown(many / replicates), low, high) is None:
         return None
-    return max(math.ceil(replicates * (half / distance) ** 2), replicates + 1)
+    while many - few > 1:
+        middle = (few + many) // 2
+        if _within(found.grown(middle / replicates), low, high) is None:
+            few = middle
+        else:
+            many = middle
+    return many

@@ -28,6 +28,8 @@ class Estimate(NamedTuple):
     low: float
     high: float
     size: int
+    trials: float = 0.0
+    """Of a share: how many independent trials its interval is that of."""
 
     @property
     def half(self) -> float:
@@ -38,6 +40,14 @@ class Estimate(NamedTuple):
     def known(self) -> bool:
         """True if there is an interval."""
         return not math.isnan(self.low)
+
+    def grown(self, factor: float) -> "Estimate":
+        """Return what the estimate would be of *factor* times as many replicates, if the mean stays where it is."""
+        if self.trials:
+            low, high = wilson(self.mean, factor * self.trials)
+        else:
+            low, high = (self.mean + (end - self.mean) / math.sqrt(factor) for end in (self.low, self.high))
+        return self._replace(low=low, high=high)
 
     def __str__(self) -> str:
         if not self.size:
@@ -124,7 +134,7 @@ def share(values: ArrayLike, seeds: ArrayLike | None = None) -> Estimate:
     if count < rows and 0 < mean < 1:
         effect = _deviation(known - mean, numbers) ** 2 * (rows - 1) / (mean * (1 - mean))
         trials = rows / max(effect * (student(count - 1) / student(rows - 1)) ** 2, 1.0)
-    return Estimate(mean, *wilson(mean, trials), rows)
+    return Estimate(mean, *wilson(mean, trials), rows, trials)
 
 
 def interval(values: ArrayLike, seeds: ArrayLike | None = None) -> Estimate:

@@ -77,6 +77,10 @@ def test_the_difference_is_paired_seed_by_seed():
         assert effect.correlation == pytest.approx(stats.pearsonr(first, second).statistic)
         assert (effect.seeds, effect.is_apart) == (6, True)
         assert effect.effect.half < 0.2 * first.std()  # two intervals side by side would overlap
+    back = compare(other, one)
+    assert [(effect.effect.mean, effect.is_apart) for effect in back.effects] == [
+        (pytest.approx(-effect.effect.mean), True) for effect in found.effects
+    ]
     assert found.settings == {"fast": ("yes", "no")}
     assert "of 4 means 2 differ; the interval (*) of 2 leaves 0 out, which chance alone does in 0.1" in found.text()
     assert "fast: yes | no" in found.text()

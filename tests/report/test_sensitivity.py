@@ -13,6 +13,8 @@ from click.testing import CliRunner
 from cosim.cli import commands
 from cosim.errors import UserError
 from cosim.experiment import load_experiment
+from cosim.report import sweep_report
+from cosim.report.drawing import draw
 from cosim.report.sensitivity import design_of, design_rows, indices, sensitivity
 from cosim.report.sweep_report import report
 from cosim.results import RunStore
@@ -136,6 +138,7 @@ def test_designs_are_known_by_their_shape():
     assert design_of(rows("latin hypercube", 20, 3)) is None
     assert design_of(rows("saltelli", 4, 3)[1:]) is None
     assert design_of(rows("morris", 4, 1)) is None
+    assert design_of([(0.0, 0.0), (1.0, 0.0), (0.5, 0.0)]) is None  # one axis moves twice
     assert design_of([]) is None
 
 
@@ -151,9 +154,12 @@ def test_a_library_that_is_missing_is_told(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.slow
-def test_a_report_of_drawn_arms_has_one_line_of_points():
+def test_a_report_of_drawn_arms_has_one_line_of_points(monkeypatch: pytest.MonkeyPatch):
+    told: list[Any] = []
+    monkeypatch.setattr(sweep_report, "draw", lambda *given: told.append(given[1]) or draw(*given))
     made = report(swept({"kind": "latin hypercube", "points": 30}))
     assert made.figures[0].name == "height.png"
+    assert told == [["x"]] * len(told)
     assert sum(len(table) for table in made.tables.values()) == 30
 
 

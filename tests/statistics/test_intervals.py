@@ -6,7 +6,7 @@ from scipy import stats
 
 from cosim.randomness import Streams
 from cosim.statistics.equivalence import place
-from cosim.statistics.intervals import Estimate, bootstrapped, estimate, interval, paired, share, unpaired
+from cosim.statistics.intervals import Estimate, bootstrapped, cautious, estimate, interval, paired, share, unpaired
 
 
 @pytest.mark.parametrize(("ones", "count"), [(50, 50), (0, 20), (19, 20), (1, 3), (7, 12)])
@@ -47,6 +47,24 @@ def test_values_that_differ_within_runs_as_much_as_between_them_count_nearly_all
     assert found.half >= (alone.high - alone.low) / 2 - 1e-12  # never more trials than values
 
 
+def test_runs_that_make_up_for_each_other_count_no_more_than_their_values():
+    found = share([1.0, 0.0] * 10, np.arange(20) // 2)  # every seed has a half: their mean does not vary at all
+    theirs = stats.binomtest(10, 20).proportion_ci(method="wilson")
+    assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), abs=1e-12)
+
+
+def test_a_cautious_interval_reaches_farther_to_the_side_of_the_skew():
+    values = np.array([1.0, 1.1, 1.2, 1.3, 1.5, 1.9, 2.8, 5.0])
+    found, usual, mirrored = cautious(values), estimate(values), cautious(-values)
+    assert (found.low, found.mean) == (usual.low, usual.mean)
+    assert found.high > usual.high + 0.5 * usual.half
+    assert (-mirrored.high, -mirrored.low) == pytest.approx((found.low, found.high), rel=1e-12)
+    assert cautious(np.repeat(values, 3), np.arange(24) // 3)[:3] == pytest.approx(found[:3], rel=1e-12)
+    assert cautious([1.0, 2.0, 3.0]) == pytest.approx(estimate([1.0, 2.0, 3.0]))  # not skewed
+    assert cautious([2.0, 2.0]) == estimate([2.0, 2.0])
+    assert cautious([1.0, 1.0, 0.0]) == share([1.0, 1.0, 0.0])
+
+
 def test_one_seed_has_no_interval():
     for found in (share([1.0, 0.0, 1.0], [4, 4, 4]), estimate([2.0, 3.0], [4, 4]), interval([1.0])):
         assert not found.known
@@ -76,7 +94,7 @@ def test_a_difference_of_other_seeds_has_the_interval_of_welch():
     found = unpaired(one, other)
     assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), rel=1e-9)
     assert not unpaired([1.0], other).known
-    assert unpaired([1.0, 1], [3.0, 3]) == (2.0, 2.0, 2.0, 4)
+    assert unpaired([1.0, 1], [3.0, 3]) == Estimate(2.0, 2.0, 2.0, 4)
 
 
 def test_the_bootstrap_is_that_of_scipy_and_the_same_each_time():
@@ -104,6 +122,8 @@ def test_a_bootstrap_of_nothing_that_varies_has_no_interval():
         (Estimate(2.0, 1.9, 2.1, 10), False, 2.16, None),
         (Estimate(2.54, 2.34, 2.74, 10), None, 2.64, 40),  # twice as far as it is to the bound: four times as many
         (Estimate(2.74, 2.54, 2.94, 10), None, 2.64, 40),
+        (Estimate(2.54, 2.52, 2.74, 10), None, 2.64, 40),  # the end towards the bound counts
+        (Estimate(2.74, 2.54, 2.76, 10), None, 2.64, 40),
         (Estimate(2.64, 2.54, 2.74, 10), None, 2.64, None),
         (Estimate(2.64 + 1e-6, 2.54, 2.74, 10), None, 2.64, None),
         (Estimate(2.5, math.nan, math.nan, 1), None, 2.64, None),
@@ -115,6 +135,15 @@ def test_an_interval_lies_inside_outside_or_across(
     placed = place(found, 2.16, 2.64, 10)
     assert (placed.within, placed.bound) == (within, pytest.approx(bound))
     assert placed.needed == (needed and pytest.approx(needed, abs=1))
+
+
+def test_a_share_that_is_all_ones_needs_as_many_replicates_as_wilson_says():
+    found = share(np.ones(400), np.arange(400) // 100)  # 4 seeds of which each always agrees: 0.51 to 1
+    placed = place(found, 0.96, 1.02, 4)
+    assert (placed.within, placed.bound) == (None, 0.96)  # no share lies above the other one
+    assert placed.needed == 93  # n / (n + 1.96^2) >= 0.96 from n = 92.2 on
+    assert place(share(np.ones(93)), 0.96, 1.02, 93).within is True
+    assert place(share(np.ones(92)), 0.96, 1.02, 92).within is None
 
 
 def test_a_range_may_be_open_at_one_end():
