@@ -50,6 +50,13 @@ class Memory(click.ParamType[int]):
 @click.option("--replicates", type=click.IntRange(min=1), help="Runs of each arm.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are processors by default.")
 @click.option("--dask", metavar="ADDRESS", help="Of a Dask scheduler, whose workers make the runs; or slurm:FILE.")
+@click.option(
+    "--until-ci",
+    "until",
+    multiple=True,
+    metavar="METRIC=SHARE",
+    help="Replicates, 10 at least, --replicates at most, until the mean's 95 % interval is as narrow; may be repeated.",
+)
 @click.option("--shard", metavar="I/N", help="Make the I-th of N parts: for computers that know nothing of each other.")
 @click.option("--run-timeout", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS", help="Of a run at most.")
 @click.option("--run-memory", type=Memory(), metavar="SIZE", help="Of a run at most, such as 2GB.")
@@ -67,6 +74,7 @@ def sweep(
     replicates: int | None,
     jobs: int | None,
     dask: str | None,
+    until: tuple[str, ...],
     shard: str | None,
     run_timeout: float | None,
     run_memory: int | None,
@@ -83,7 +91,8 @@ def sweep(
     from cosim.experiment import find_experiment, load_experiment
     from cosim.processes import Limits
     from cosim.results import RunStore
-    from cosim.sweep import WHOLE, Choice, Shard, default_folder, planned, run_sweep
+    from cosim.statistics.stopping import parse_precisions
+    from cosim.sweep import WHOLE, Choice, Shard, default_folder, planned, run_sweep, run_until
     from cosim.upkeep import code_of
 
     if dask is not None and jobs is not None:
@@ -93,17 +102,23 @@ def sweep(
     folder = output or default_folder(chosen, quick, part)
     codes = tuple(code_of(RunStore(folder), each) for each in accepted)
     choice = Choice(part, codes, retry_failed, fail_fast, Limits(run_timeout, run_memory))
+    wanted = parse_precisions(until)
     set_up_is_done()
     if plan:
         found = planned(chosen, folder, jobs, choice)
         click.echo(as_plain_json(found._asdict()) if as_json else found.text())
         return 0
     with _keeping(), _cluster(dask) as engine, bar(chosen.name) as told:
-        summary = run_sweep(chosen, folder, jobs, engine, told, choice)
+        if wanted:
+            summary = run_until(chosen, folder, wanted, jobs, engine, told, choice)
+        else:
+            summary = run_sweep(chosen, folder, jobs, engine, told, choice)
     if as_json:
         click.echo(as_plain_json(summary._asdict()))
     else:
         click.echo(f"{summary.runs} runs, {summary.resumed} of them were there already, in {summary.folder}")
+        if summary.lacking:
+            click.echo(f"{summary.lacking} means are not as precise yet: more --replicates may do", err=True)
         for failure in summary.failures:
             click.echo(f"failed: {failure}", err=True)
     return 1 if summary.failures else 0

@@ -10,6 +10,7 @@ without the keys (configuration digest, seed, code digest) that are there.
 
 import itertools
 import json
+import math
 import os
 import subprocess
 import sys
@@ -200,6 +201,20 @@ class RunStore:
                 for arm in arms.get(configuration, ()):
                     if 0 <= seed - told.seed < told.replicates and code in (told.codes[arm], *told.accepted):
                         found[arm, seed - told.seed] = True
+        return found
+
+    def values(self, told: SweepDescription, metric: str) -> dict[int, dict[int, float]]:
+        """Return the values of *metric*, a column of ``runs``, by arm of *told* and replicate, NaN for none."""
+        arms, chosen = _arms_of(told), self.chosen(told)
+        found: dict[int, dict[int, float]] = {arm: {} for arm in range(len(told.configurations))}
+        for part in self.parts.whole():
+            there = metric in self.parts.schema(part).names
+            rows = self.parts.read(part, [*RUN, "code", *([metric] if there else [])]).to_pylist()
+            for row in rows:
+                if chosen.get((row["configuration"], row["replicate"])) == row["code"]:
+                    value = row.get(metric)
+                    for arm in arms[row["configuration"]]:
+                        found[arm][row["replicate"]] = math.nan if value is None else float(value)
         return found
 
     def failed(self, told: SweepDescription) -> list[Row]:
