@@ -10,12 +10,12 @@ import json
 import os
 import pickle
 import queue
-import signal
 import subprocess
 import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from multiprocessing import Pipe, connection
@@ -35,13 +35,14 @@ MOST: Final = 256
 AHEAD: Final = 2
 """Batches that a worker has been given and has not finished: it never waits for the parent."""
 _DIED: Final = "the processes that computed it died (killed, or out of memory)"
+"""What is said of an item that is given up."""
 LIVES: Final = 5
 """Number of workers that die of an item before it is given up."""
 LOOK_S: Final = 0.1
 """How often one looks how much memory the workers take, if that is limited."""
 _BEGIN: Final = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from cosim.processes import serve; serve(int(sys.argv[2]))"
+    "import json, signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); "  # an interrupt is left to the parent
+    "sys.path[:] = json.loads(sys.argv[1]); from cosim.processes import serve; serve(int(sys.argv[2]))"
 )
 ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables by which libraries take one thread: as many workers as processors need no more."""
@@ -102,7 +103,7 @@ class Pool(Generic[Asked, Made]):
     def close(self, now: bool = True) -> None:
         """End all workers: *now*, or as soon as they have nothing to do."""
         for worker in self._workers:
-            if now:
+            if now or not worker.ready:
                 worker.process.kill()
             worker.pipe.close()
             worker.process.wait()
@@ -114,7 +115,7 @@ class Pool(Generic[Asked, Made]):
         Raise UserError if a worker is refused, ChildProcessError if workers die before they have begun.
         """
         todo, again, left = iter(todo), deque[Asked](), count
-        refused = 0
+        unready = 0  # workers that have died one after the other before they had begun
         while True:
             while len(self._workers) < min(self._wanted, max(1, count)):
                 self._workers.append(self._start())
@@ -123,19 +124,20 @@ class Pool(Generic[Asked, Made]):
                     left -= len(batch)
                     self._give(worker, batch)
             busy = [worker for worker in self._workers if worker.given or not worker.ready]
-            if not any(worker.given for worker in self._workers) and all(worker.ready for worker in busy):
-                return  # the ready ones were offered what is left: there is nothing
+            idle = len(busy) < len(self._workers) or not self._workers
+            if idle and not any(worker.given for worker in busy):
+                return  # the idle one was offered what is left: there is nothing
             for worker in self._heard(busy):
-                was_ready = worker.ready
                 try:
-                    yield from self._answers(worker)
+                    message = worker.pipe.recv_bytes()
                 except (EOFError, OSError):
-                    refused = refused if was_ready else refused + 1
-                    if refused >= LIVES:
+                    unready += not worker.ready
+                    if unready >= LIVES:
                         raise ChildProcessError("worker processes die before they have begun") from None
-                    yield from self._buried(
-                        worker, again, "the process that computed it died (killed, or out of memory)"
-                    )
+                    yield from self._buried(worker, again, _DIED)
+                else:
+                    unready = 0
+                    yield from self._answers(worker, message)
             for worker, why in self._over():
                 yield from self._buried(worker, again, why, at_once=True)
 
@@ -148,7 +150,8 @@ class Pool(Generic[Asked, Made]):
         command = [sys.executable, "-c", _BEGIN, path, str(theirs.fileno())]
         process = subprocess.Popen(command, pass_fds=(theirs.fileno(),), env=environment, stdin=subprocess.DEVNULL)
         theirs.close()
-        ours.send_bytes(self._first)
+        with suppress(OSError):  # it has died already: its pipe says so
+            ours.send_bytes(self._first)
         return _Worker(process, ours)
 
     def _next(self, worker: _Worker[Asked], again: deque[Asked], todo: Iterator[Asked], left: int) -> list[Asked]:
@@ -164,10 +167,8 @@ class Pool(Generic[Asked, Made]):
         if not worker.given:
             worker.since_s = monotonic()
         worker.given.extend(batch)
-        try:
+        with suppress(OSError):  # as above
             worker.pipe.send_bytes(pickle.dumps(batch))
-        except OSError:  # it has died: its pipe says so
-            return
 
     # ------------------------------------------------------------ hearing
 
@@ -182,8 +183,8 @@ class Pool(Generic[Asked, Made]):
         heard = connection.wait([worker.pipe for worker in busy], patience)
         return [worker for worker in busy if worker.pipe in heard]
 
-    def _answers(self, worker: _Worker[Asked]) -> Iterator[Made]:
-        kind, answer = pickle.loads(worker.pipe.recv_bytes())
+    def _answers(self, worker: _Worker[Asked], message: bytes) -> Iterator[Made]:
+        kind, answer = pickle.loads(message)
         if kind == "refused":
             raise UserError(answer)
         if kind == "raised":
@@ -203,7 +204,7 @@ class Pool(Generic[Asked, Made]):
         """Return the workers whose item takes more than it may, each with a sentence that says so."""
         found = []
         for worker in self._workers:
-            if not worker.given:
+            if not worker.given or worker.pipe.poll():  # it has answered meanwhile: writing rows may have taken long
                 continue
             time_s, most = self._limits
             if time_s is not None and monotonic() >= worker.since_s + time_s:
@@ -256,7 +257,6 @@ def _resident_bytes(pid: int) -> int:
 
 def serve(number: int) -> None:
     """Compute what comes by the pipe with the file descriptor *number*, until it ends: what a worker does."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # left to the parent
     pipe = Connection(number)
     try:
         function, begin, singly = pickle.loads(pipe.recv_bytes())

@@ -30,8 +30,8 @@ DATA: Final = frozenset(
     for ending in ["yaml", "yml", "json", "toml", "csv", "txt", "npy", "npz", "map", "pgm", "ppm", "png", "parquet"]
 )
 """Endings of the data files of a package that may decide a run."""
-NOT_DATA: Final = frozenset({"published.csv"})
-"""Files with such an ending that no run reads: what a paper printed."""
+NOT_DATA: Final = frozenset({"published.csv", "sweep.yaml"})
+"""Files with such an ending that no run reads: what a paper printed, and what a sweep is (settings are in the key)."""
 NOT_COMPUTING: Final = frozenset(
     ["click", "matplotlib", "PIL", "pyarrow", "pytest", "rich", "starlette", "uvicorn", "yaml"]
 )
@@ -213,13 +213,14 @@ def _parsed(content: bytes) -> _Source:
             imports += [(alias.name, 0, ()) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             imports.append((node.module or "", node.level, tuple(alias.name for alias in node.names)))
-        elif isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _has_text(node):
-            node.body = node.body[1:]
+        elif isinstance(body := getattr(node, "body", None), list):
+            body[:] = [each for each in body if not _is_text(each)]
     return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(dict.fromkeys(imports)))
 
 
-def _has_text(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    return ast.get_docstring(node, clean=False) is not None
+def _is_text(node: ast.stmt) -> bool:
+    """Return whether *node* is a docstring: also one of a constant or of a field."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def _kept() -> Path:
@@ -235,7 +236,7 @@ def _kept_digests() -> dict[str, _Source]:
             name: _Source(digest, tuple((origin, level, tuple(names)) for origin, level, names in imports))
             for name, (digest, imports) in plain.items()
         }
-    except (OSError, ValueError, TypeError):  # none yet, or another program's
+    except (OSError, ValueError, TypeError, AttributeError):  # none yet, or another program's
         return {}
 
 

@@ -139,7 +139,7 @@ class Execution:
                 finished.digest, finished.metrics = outcome.digest, dict(outcome.metrics)
             else:
                 _call(arm, seed, finished)
-        except Exception as error:  # noqa: BLE001  # the error is recorded in the run's row; other runs go on
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # it is the run's row; other runs go on
             text = " ".join(f"{type(error).__name__}: {error}".split())
             finished = Finished(number, replicate, 0.0, error=text)
         finished.wall_s = perf_counter() - started
