@@ -19,7 +19,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 from types import ModuleType
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
 from cosim.caches import begin, cache_folder, sources_digest
@@ -30,8 +30,8 @@ DATA: Final = frozenset(
     for ending in ["yaml", "yml", "json", "toml", "csv", "txt", "npy", "npz", "map", "pgm", "ppm", "png", "parquet"]
 )
 """Endings of the data files of a package that may decide a run."""
-NOT_DATA: Final = frozenset({"published.csv", "sweep.yaml"})
-"""Files with such an ending that no run reads: what a paper printed, and what a sweep is (settings are in the key)."""
+NOT_DATA: Final = frozenset({"published.csv", "sweep.yaml", "verdicts.csv"})
+"""Files with such an ending that no run reads: what a paper printed, what a sweep is (settings are in the key)."""
 NOT_COMPUTING: Final = frozenset(
     ["click", "matplotlib", "PIL", "pyarrow", "pytest", "rich", "starlette", "uvicorn", "yaml"]
 )
@@ -215,7 +215,17 @@ def _parsed(content: bytes) -> _Source:
             imports.append((node.module or "", node.level, tuple(alias.name for alias in node.names)))
         elif isinstance(body := getattr(node, "body", None), list):
             body[:] = [each for each in body if not _is_text(each)]
-    return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(dict.fromkeys(imports)))
+    return _Source(hashlib.sha256(_dumped(tree).encode()).hexdigest(), tuple(dict.fromkeys(imports)))
+
+
+def _dumped(node: Any) -> str:
+    """Return *node* of a syntax tree as a text that is the same on all Pythons: later ones have more empty fields."""
+    if isinstance(node, ast.AST):
+        fields = (f"{name}={_dumped(value)}" for name, value in ast.iter_fields(node) if value not in (None, []))
+        return f"{type(node).__name__}({','.join(fields)})"
+    if isinstance(node, list):
+        return f"[{','.join(map(_dumped, node))}]"
+    return repr(node)
 
 
 def _is_text(node: ast.stmt) -> bool:
@@ -224,9 +234,8 @@ def _is_text(node: ast.stmt) -> bool:
 
 
 def _kept() -> Path:
-    """Return the file that keeps what was read by this Python: syntax trees differ between its versions."""
-    here = f"{sources_digest(__name__, Path(__file__))}-{sys.implementation.cache_tag}"
-    return cache_folder(__name__, here) / "digests.json"
+    """Return the file that keeps what was read."""
+    return cache_folder(__name__, sources_digest(__name__, Path(__file__))) / "digests.json"
 
 
 def _kept_digests() -> dict[str, _Source]:
