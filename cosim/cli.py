@@ -506,6 +506,21 @@ def report(results: Path, as_json: bool) -> None:
         click.echo(found.text())
 
 
+@commands.command("export", short_help="Write the table of a sweep as one file.")
+@click.argument("results", type=click.Path(path_type=Path))
+@click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--table", type=click.Choice(["runs", "observations"]), default="runs", help="Which; runs by default.")
+@click.option("--all", "everything", is_flag=True, help="Those of older configurations and code too.")
+@_JSON
+def export(results: Path, output: Path, table: str, everything: bool, as_json: bool) -> None:
+    """Write the rows of the last sweep into RESULTS to OUTPUT, a .parquet (with units and meanings) or a .csv."""
+    from cosim.export.sweeps import export_results
+
+    _set_up_is_done()
+    count = export_results(results, output, table, everything)
+    click.echo(_json({"rows": count, "output": str(output)}) if as_json else f"{count} rows in {output}")
+
+
 # ---------------------------------------------------------------- pin
 
 

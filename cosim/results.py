@@ -1,23 +1,19 @@
 """What sweeps keep: two tables of Parquet parts in one folder, written whole, so that nothing finished is ever lost.
 
     FOLDER/sweep.json                     what the last sweep into this folder was
-    FOLDER/runs/part-00000-RUNS-OBSERVATIONS.parquet          a row a run: axes, seed, digests, status, metrics
-    FOLDER/observations/part-00000-RUNS-OBSERVATIONS.parquet  a row for each thing that a run counts more than once
+    FOLDER/runs/part-....parquet          a row a run: axes, seed, digests, status, metrics
+    FOLDER/observations/part-....parquet  a row for each thing that a run counts more than once
 
-A part is one batch of finished runs and one row group. Its name tells the digests of the bytes of both files (of one,
-where nothing was observed): a damaged part is noticed. (Parquet's own check sums leave out the schema and the metadata,
-four fifths of a small part.) The observations of a batch are renamed into place before its runs: a run whose row is
-there is there whole. Observations without runs (the process was killed in between) and runs whose observations are gone
-are ignored and cleared away. A sweep resumes by the difference of sets: what is to run, without the keys (configuration
-digest, seed, code digest) that are there.
+All parts of a table have the same columns (``cosim.parts``). A sweep resumes by the difference of sets: what is to run,
+without the keys (configuration digest, seed, code digest) that are there.
 """
 
 import hashlib
 import importlib.util
-import io
+import itertools
 import json
+import math
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,11 +25,13 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from pydantic import Field as Setting
 
 from cosim import __version__
+from cosim.columns import array_of, columns_of_rows, columns_of_schema, conformed, kind_of, table_of, union
 from cosim.documents import validated
 from cosim.errors import UserError
+from cosim.parts import Parts, fitting
 from cosim.protocol import Metric
 from cosim.settings import Count, PlainData, Settings
-from cosim.trace import Field, drafted
+from cosim.trace import Field, arrow_field, drafted
 
 if sys.platform == "win32":
     import msvcrt
@@ -78,11 +76,14 @@ FIXED: Final = (
 OBSERVATION_FIXED: Final = (*KEY, Field("replicate", "int", "", "number of the repetition, from 0"))
 """The columns of ``observations`` that every sweep has; its axes and what it observes follow."""
 
+SEVERAL: Final = "several settings"
+"""The meaning of an axis that is none of one setting."""
+
 PACKAGES: Final = ("cosim", "protocols", "experiments")
 _LIBRARIES: Final = ("simpy", "numpy", "numba", "scipy", "shapely", "networkx", "pydantic", "pyarrow")
 
-_PART: Final = re.compile(r"part-\d+-([0-9a-f]{16})(?:-([0-9a-f]{16}))?\.parquet")
-"""The name of a part: the digests of its runs and of its observations. Older parts tell none."""
+_FIXED_OF: Final = {"runs": FIXED, "observations": OBSERVATION_FIXED}
+"""The fixed columns of both tables."""
 
 
 class ReportSettings(Settings):
@@ -124,11 +125,14 @@ class RunStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._parts = Parts(folder)
+        self._columns: dict[str, list[Field]] = {}
+        """Of the parts of each table, while they are being written."""
 
     @contextmanager
     def writing(self) -> Any:
         """Hold the folder for one writer: create it, clear away what a killed one left, refuse a second one."""
-        for table in ("runs", "observations"):
+        for table in _FIXED_OF:
             (self.folder / table).mkdir(parents=True, exist_ok=True)
         lock = os.open(self.folder / ".lock", os.O_CREAT | os.O_RDWR, 0o644)
         try:
@@ -136,7 +140,8 @@ class RunStore:
         except (BlockingIOError, PermissionError):  # by POSIX, by Windows
             raise UserError(f"{self.folder}: another sweep is writing there, expected a folder of its own") from None
         else:
-            self._tidy()
+            self._parts.tidy()
+            self._columns = {table: self._columns_of(table) for table in _FIXED_OF}
             yield self
         finally:
             os.close(lock)  # the kernel lets the lock go with it, also when the process is killed
@@ -144,21 +149,34 @@ class RunStore:
     def done(self) -> set[Key]:
         """Return the keys of all rows that are there."""
         names = [field.name for field in KEY]
-        tables = [self._table(part, names) for part in self._whole()]
+        tables = [self._parts.read(part, names) for part in self._parts.whole()]
         return {(row["configuration"], row["seed"], row["code"]) for table in tables for row in table.to_pylist()}
+
+    def declare(self, runs: Sequence[Field] = (), observations: Sequence[Field] = ()) -> None:
+        """Have all parts hold these columns after the fixed ones, then what else older parts hold; to be called first.
+
+        Parts that are there and lack some of them, or hold them otherwise, are written anew.
+        """
+        for table, fields in (("runs", runs), ("observations", observations)):
+            self._columns[table] = union(_FIXED_OF[table], fields, self._columns[table])
+        self._parts.conform(self._columns)
 
     def append(
         self, runs: Sequence[Row], observations: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, str]
     ) -> None:
-        """Write a batch of finished *runs* and their *observations*; *fields* describe the columns beside the fixed."""
-        files = {"runs": _parquet(runs, (*FIXED, *fields), metadata)}
-        if observations:  # first: see above
-            files = {"observations": _parquet(observations, (*OBSERVATION_FIXED, *fields), metadata)} | files
-        digests = "-".join(_digest(files[table]) for table in ("runs", "observations") if table in files)
-        name = f"part-{len(self._parts('runs')):05}-{digests}.parquet"
-        for table, data in files.items():
-            with drafted(self.folder / table / name) as draft:
-                draft.write_bytes(data)
+        """Write a batch of finished *runs* and their *observations*; *fields* describe columns that they have.
+
+        A column that was not there before is added to all parts.
+        """
+        rows = {table: each for table, each in (("runs", runs), ("observations", observations)) if each}
+        columns = self._columns | {
+            table: union(_FIXED_OF[table], self._columns[table], columns_of_rows(each, fields))
+            for table, each in rows.items()
+        }
+        if columns != self._columns:
+            self._columns = columns
+            self._parts.conform(self._columns)
+        self._parts.add({table: table_of(each, columns[table], metadata) for table, each in rows.items()})
 
     def describe(self, description: SweepDescription) -> None:
         """Write down what the present sweep is."""
@@ -182,10 +200,23 @@ class RunStore:
 
         Raise UserError for a part that is damaged, as ``done`` and ``units`` do.
         """
-        return self._joined(table, lambda part: part)
+        frame: pd.DataFrame = self.rows(table).to_pandas()
+        return frame
 
     def present(self, table: str = "runs") -> "pd.DataFrame":
-        """Return the rows of *table* that belong to the last sweep into this folder, in the order of its axes."""
+        """Return the rows of *table* that belong to the last sweep into this folder, in the order of its axes.
+
+        Columns that none of them has a value in are left out.
+        """
+        frame: pd.DataFrame = self.present_rows(table).to_pandas()
+        return frame
+
+    def rows(self, table: str) -> Any:
+        """Return what ``read`` returns as an Arrow table, with unit and meaning of each column."""
+        return self._joined(table, lambda part: part)
+
+    def present_rows(self, table: str) -> Any:
+        """Return what ``present`` returns as an Arrow table, with unit and meaning of each column."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -196,111 +227,69 @@ class RunStore:
             ours = pc.and_(pc.is_in(part["configuration"], arms), pc.equal(part["code"], told.code))
             return part.filter(pc.and_(ours, pc.less(part["replicate"], told.replicates)))
 
-        frame = self._joined(table, belonging)
+        found = self._joined(table, belonging)
         ranks = {digest: rank for rank, digest in enumerate(told.configurations)}
-        rows = frame.assign(_rank=frame["configuration"].map(ranks))
-        ordered: pd.DataFrame = (
-            rows.sort_values(["_rank", "replicate"], kind="stable").drop(columns="_rank").reset_index(drop=True)
+        rank = pa.array([ranks[each] for each in found["configuration"].to_pylist()], pa.int64())
+        order = pc.sort_indices(
+            pa.table({"rank": rank, "replicate": found["replicate"]}),
+            [("rank", "ascending"), ("replicate", "ascending")],
         )
-        return ordered
+        found = self._labelled(found.take(order), told, rank.take(order).to_pylist())
+        fixed = {field.name for field in _FIXED_OF[table]}
+        empty = [name for name in found.column_names if found[name].null_count == len(found) and name not in fixed]
+        return found.drop_columns(empty if len(found) else [])
+
+    def _labelled(self, table: Any, told: SweepDescription, ranks: Sequence[int]) -> Any:
+        """Return *table*, its rows of the arms numbered *ranks*, with the arms' values of the axes as *told*.
+
+        Rows that were made before there was an axis do not have its values, and a value that was a number became a text
+        if another sweep into this folder had texts on an axis of that name.
+        """
+        import pyarrow as pa
+
+        axes, configurations = told.axes, told.configurations
+        if not len(configurations) == len(set(configurations)) == math.prod(len(axis.values) for axis in axes.values()):
+            return table  # arms that are the same run: which of them a row belongs to only its own columns know
+        arms = list(itertools.product(*(axis.values for axis in axes.values())))
+        for number, (name, axis) in enumerate(axes.items()):
+            field = Field(name, kind_of(axis.values), "", axis.path or SEVERAL, optional=True)
+            there = name in table.column_names and table[name].null_count == 0
+            if there and columns_of_schema(table.select([name]).schema)[0].kind == field.kind:
+                continue
+            try:
+                values = array_of([arms[rank][number] for rank in ranks], field.kind)
+            except (pa.ArrowException, KeyError, ValueError):  # such as no sweep has
+                raise UserError(f"{self.folder / 'sweep.json'}: axes.{name}.values: are no values of an axis") from None
+            place = table.column_names.index(name) if name in table.column_names else table.num_columns
+            kept = table.drop_columns([name]) if name in table.column_names else table
+            table = kept.add_column(place, arrow_field(field), values)
+        return table
 
     def units(self) -> dict[str, tuple[str, str]]:
         """Return (unit, meaning) of every column of ``runs``."""
-        schemas = [self._table(part).schema for part in self._whole()]
+        schemas = [self._parts.read(part).schema for part in self._parts.whole()]
         described = [(field.name, field.metadata or {}) for schema in schemas for field in schema]
         return {name: (each.get(b"unit", b"").decode(), each.get(b"meaning", b"").decode()) for name, each in described}
 
-    def _joined(self, table: str, chosen: Callable[[Any], Any]) -> "pd.DataFrame":
-        """Return the rows of all parts of *table* that *chosen* leaves of each."""
-        import pandas as pd
+    def _columns_of(self, table: str) -> list[Field]:
+        """Return all columns of the parts of *table*."""
+        schemas = (self._parts.schema(part) for part in self._parts.whole_of(table))
+        return union(_FIXED_OF[table], *map(columns_of_schema, schemas))
+
+    def _joined(self, table: str, chosen: Callable[[Any], Any]) -> Any:
+        """Return the rows of all parts of *table* that *chosen* leaves of each, as an Arrow table."""
         import pyarrow as pa
 
-        names = {part.name for part in self._whole()}
-        fixed = [field.name for field in (FIXED if table == "runs" else OBSERVATION_FIXED)]
-        try:
-            tables = [chosen(self._table(part)) for part in self._parts(table) if part.name in names]
-            tables = [each for each in tables if each.num_rows] or tables[:1]
-            joined = pa.concat_tables(tables, promote_options="permissive") if tables else None
-        except (pa.ArrowException, KeyError) as error:  # older parts in which other things went by the same names
-            raise UserError(
-                f"{self.folder / table}: the parts do not fit together, expected a folder for each sweep: {error}"
-            ) from None
-        return pd.DataFrame(columns=fixed) if joined is None else joined.to_pandas()
-
-    def _table(self, part: Path, columns: Sequence[str] | None = None) -> Any:
-        """Return the table in *part*; raise UserError if that is damaged."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        data = part.read_bytes()
-        name = _PART.fullmatch(part.name)
-        digest = name and name[1 if part.parent.name == "runs" else 2]
-        try:
-            if digest in (None, _digest(data)):
-                table = pq.read_table(io.BytesIO(data), columns=columns)
-                if table.column_names:
-                    return table
-        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-            if isinstance(error, OSError) and error.errno is not None:  # the system's word, not Arrow's
-                raise
-        # the next sweep clears away observations without runs
-        which = "it" if part.parent.name == "runs" else "the file of that name in runs"
-        raise UserError(f"{part}: is not a whole Parquet file; delete {which} and sweep again") from None
-
-    def _parts(self, table: str) -> list[Path]:
-        return sorted(part for part in (self.folder / table).glob("part-*.parquet") if part.is_file())
-
-    def _whole(self) -> list[Path]:
-        """Return the parts of ``runs`` whose observations are there, if they had any."""
-        there = {part.name for part in self._parts("observations")}
-        names = [(part, _PART.fullmatch(part.name)) for part in self._parts("runs")]
-        return [part for part, name in names if not (name and name[2]) or part.name in there]
-
-    def _tidy(self) -> None:
-        whole = {part.name for part in self._whole()}
-        drafts = [draft for table in (".", "runs", "observations") for draft in (self.folder / table).glob(".*.part")]
-        halves = [part for table in ("runs", "observations") for part in self._parts(table) if part.name not in whole]
-        for path in (*drafts, *halves):
-            path.unlink()
+        with fitting(self.folder / table):
+            tables = [chosen(self._parts.read(part)) for part in self._parts.whole_of(table)]
+            columns = union(_FIXED_OF[table], *(columns_of_schema(each.schema) for each in tables))
+            empty = table_of([], columns, {})
+            return pa.concat_tables([empty, *(conformed(each, columns).replace_schema_metadata() for each in tables)])
 
 
 def metric_fields(metrics: Iterable[Metric]) -> list[Field]:
     """Return the columns of *metrics*: floats, empty where a run failed."""
     return [Field(metric.name, "float", metric.unit, metric.meaning, optional=True) for metric in metrics]
-
-
-def _parquet(rows: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, str]) -> bytes:
-    """Return *rows* as a Parquet file; *fields* describe their columns."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    types = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "bool": pa.bool_(), "null": pa.null()}
-    described = {field.name: field for field in fields}
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    columns, schema = [], []
-    for name in [*(each for each in described if each in names), *(each for each in names if each not in described)]:
-        values = [row.get(name) for row in rows]
-        field = described.get(name) or Field(name, kind_of(values), "", "", optional=True)
-        notes = {"unit": field.unit, "meaning": field.meaning}
-        columns.append(pa.array(values, type=types[field.kind]))
-        schema.append(pa.field(name, types[field.kind], field.optional, notes))
-    file = io.BytesIO()
-    pq.write_table(pa.table(columns, schema=pa.schema(schema, dict(metadata))), file)
-    return file.getvalue()
-
-
-def kind_of(values: Iterable[Any]) -> Any:
-    """Return the kind of column that holds all *values*: bool, int, float, or else str; null if there are none."""
-    kinds = {type(value) for value in values if value is not None}
-    if not kinds:
-        return "null"
-    if kinds <= {int, float}:
-        return "float" if float in kinds else "int"
-    return "bool" if kinds == {bool} else "str"
-
-
-def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:16]
 
 
 # ---------------------------------------------------------------- where results come from

@@ -295,6 +295,11 @@ class Simulation:
         if orders:
             self.fleet.apply(orders)
 
+    @property
+    def metric_columns(self) -> tuple[Metric, ...]:
+        """The metrics of the run, which are known before it."""
+        return (*METRICS, *self.spec.metrics, *self.channel.columns)
+
     def outcome(self) -> Outcome:
         """Return the metrics, the trace and the digest of the run up to now; to be asked once, at its end."""
         now = self.kernel.now
@@ -311,16 +316,19 @@ class Simulation:
             **_own_metrics(self.spec, self.spec.measure(self.machines), self.referee.verdict(now)),
         }
         summary = self.channel.summary()
-        columns = (*METRICS, *self.spec.metrics, *self.channel.columns)
         twice = sorted(metrics.keys() & summary.keys())
         if twice:
             raise LocalProtocolError(f"{self.spec.name} and its channel both have a metric {twice[0]}")
+        undeclared = sorted(summary.keys() - {metric.name for metric in self.channel.columns})
+        if undeclared:
+            kind = self.scenario.channel.kind
+            raise LocalProtocolError(f"channel {kind}: summary returns {undeclared[0]!r}, which is none of its metrics")
         metrics |= summary
         counted = {name: value for name, value in metrics.items() if name not in NO_OUTCOME}
         content = repr(sorted(counted.items())) + self.trace.digest(["events"])  # the same whatever else is kept
         digest = hashlib.sha256(content.encode()).hexdigest()
         notices = (*self._unsent(), *self._notices.texts)
-        return Outcome(metrics, digest, self.trace, simulated_s, columns, notices)
+        return Outcome(metrics, digest, self.trace, simulated_s, self.metric_columns, notices)
 
     def _unsent(self) -> list[str]:
         """Return a line for each reason why payloads were never on the air, if that has happened often."""

@@ -17,19 +17,21 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, perf_counter
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
+from cosim.columns import kind_of
 from cosim.errors import UserError
 from cosim.experiment import Arm, Experiment, find_function, named
 from cosim.installed import check_libraries
+from cosim.protocol import Metric
 from cosim.results import (
     PACKAGES,
+    SEVERAL,
     AxisDescription,
     Row,
     RunStore,
     SweepDescription,
     code_digest,
-    kind_of,
     metric_fields,
     provenance,
     versions,
@@ -46,6 +48,9 @@ Made = TypeVar("Made")
 
 BATCH_S = 1.0
 """Runs shorter than this are written together, as soon as one finishes this long after the last writing."""
+
+_SET_UP: Final[Any] = {"floorplan": True, "team": True, "channel": True, "protocol": {"use": True}}
+"""What of a scenario decides whether its runs can be set up, and which metrics they have."""
 
 CLUSTER_NEEDS = ("distributed>=2024.8",)
 """The extra ``cluster`` of pyproject.toml."""
@@ -118,6 +123,7 @@ def _called(task: Task) -> Finished:
     columns = tuple(field._replace(optional=True) for field in declared)  # a run that failed has none
     if isinstance(answer, dict):
         metrics = {name: float(value) for name, value in answer.items()}
+        columns = tuple(field._replace(kind="float") for field in columns)
         return Finished(task, 0.0, None, digest(answer), metrics, columns)
     return Finished(task, 0.0, None, digest(answer), columns=columns, observations=list(answer))
 
@@ -139,19 +145,27 @@ def tasks(experiment: Experiment) -> list[Task]:
     ]
 
 
-def check_set_up(experiment: Experiment) -> None:
-    """Set up a run on every floor with every team of *experiment*; raise UserError for one that cannot be."""
+def check_set_up(experiment: Experiment) -> list[Field]:
+    """Set up a run on every floor with every team, over every channel and with every protocol of *experiment*.
+
+    Return the columns of the metrics that they declare. Raise UserError for one that cannot be set up.
+    """
     different: dict[str, Arm] = {}
     for arm in experiment.arms:
         if arm.scenario is not None:
-            plain = arm.scenario.model_dump(mode="json", include={"floorplan", "team"})
-            different.setdefault(digest([plain, str(arm.scenario.folder)]), arm)
-    for arm in different.values():
+            plain = arm.scenario.model_dump(mode="json", include=_SET_UP)
+            different.setdefault(digest([plain["floorplan"], plain["team"], str(arm.scenario.folder)]), arm)
+            different.setdefault(digest([plain["channel"], plain["protocol"]["use"]]), arm)
+    metrics: dict[str, Metric] = {}
+    for arm in {arm.configuration: arm for arm in different.values()}.values():
         assert arm.scenario is not None
         try:
-            Simulation(arm.scenario, experiment.seed)
+            declared = Simulation(arm.scenario, experiment.seed).metric_columns
         except UserError as error:
             raise UserError(f"{experiment.source} with {named(arm.labels)}: {error}") from None
+        for metric in declared:
+            metrics.setdefault(metric.name, metric)
+    return metric_fields(metrics.values())
 
 
 def run_sweep(
@@ -167,11 +181,13 @@ def run_sweep(
     OSError (a full disk, a dead worker process), which is raised.
     """
     folder = Path(folder)
-    check_set_up(experiment)
+    metrics = check_set_up(experiment)
     code = code_digest(_packages(experiment))
     every = tasks(experiment)
     store = RunStore(folder)
     with store.writing():
+        axes = _axis_fields(experiment)
+        store.declare([*axes, *metrics], axes)
         store.describe(_description(experiment, code))
         done = store.done()
         todo = [task for task in every if (task.arm.configuration, task.seed, code) not in done]
@@ -203,9 +219,7 @@ class _Batch:
         self._store = store
         self._experiment = experiment
         self._code = code
-        self._axes = [
-            Field(axis.name, _axis_kind(axis.values), "", axis.path or "several settings") for axis in experiment.axes
-        ]
+        self._axes = _axis_fields(experiment)
         self._metadata = {"experiment": experiment.name, "scenario": json.dumps(experiment.base)} | provenance()
         self._waiting: list[Finished] = []
         self._written = monotonic()
@@ -223,15 +237,14 @@ class _Batch:
         waiting, self._waiting = self._waiting, []
         columns = {column.name: column for finished in waiting for column in finished.columns}
         runs = [self._run(finished) for finished in waiting]
-        seen = [self._key(finished) | row for finished in waiting for row in finished.observations]
+        seen = [_blank(finished) | self._key(finished) | row for finished in waiting for row in finished.observations]
         self._store.append(runs, seen, [*self._axes, *columns.values()], self._metadata)
         self._written = monotonic()
 
     def _key(self, finished: Finished) -> Row:
         arm, replicate, seed = finished.task
         key = {"configuration": arm.configuration, "seed": seed, "code": self._code, "replicate": replicate}
-        labels = {axis.name: str(arm.labels[axis.name]) for axis in self._axes if axis.kind == "str"}
-        return key | arm.labels | labels
+        return key | arm.labels
 
     def _run(self, finished: Finished) -> Row:
         fixed = {
@@ -241,11 +254,20 @@ class _Batch:
             "wall_s": finished.wall_s,
             "digest": finished.digest,
         }
-        return fixed | self._key(finished) | finished.metrics
+        blank = _blank(finished) if finished.metrics else {}
+        return blank | fixed | self._key(finished) | finished.metrics
 
 
-def _axis_kind(values: Sequence[tuple[Any, Any]]) -> Any:
-    return kind_of(label for label, _ in values)
+def _blank(finished: Finished) -> Row:
+    """Return what is declared of a run's metrics or observations, without values: it has all of these columns."""
+    return {field.name: None for field in finished.columns}
+
+
+def _axis_fields(experiment: Experiment) -> list[Field]:
+    return [
+        Field(axis.name, kind_of(label for label, _ in axis.values), "", axis.path or SEVERAL, optional=True)
+        for axis in experiment.axes
+    ]
 
 
 def _failures(store: RunStore, experiment: Experiment) -> tuple[str, ...]:

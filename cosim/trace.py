@@ -23,7 +23,7 @@ from cosim.units import to_seconds
 
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
 
-_ARROW: Final[dict[str, str]] = {"int": "int64", "float": "float64", "str": "string", "bool": "bool"}
+ARROW: Final[dict[str, str]] = {"int": "int64", "float": "float64", "str": "string", "bool": "bool"}
 _ARRAY_CODES: Final[dict[Kind, str]] = {"int": "q", "float": "d"}
 _KIND_OF_TYPE: Final[dict[Any, Kind]] = {int: "int", float: "float", str: "str", bool: "bool"}
 
@@ -239,8 +239,8 @@ class Trace:
         import pyarrow as pa
 
         fields = self.tables[name].fields
-        arrays = [pa.array(c, type=_ARROW[f.kind]) for f, c in zip(fields, self._columns[name], strict=True)]
-        table = pa.table(arrays, schema=pa.schema([_arrow_field(field) for field in fields], dict(metadata or {})))
+        arrays = [pa.array(c, type=ARROW[f.kind]) for f, c in zip(fields, self._columns[name], strict=True)]
+        table = pa.table(arrays, schema=pa.schema([arrow_field(field) for field in fields], dict(metadata or {})))
         return table.sort_by(_TIME.name)  # a stable sort; a frame is appended when it ends and tells when it began
 
     def digest(self, names: Iterable[str] | None = None) -> str:
@@ -326,8 +326,9 @@ def _attributes(kind: type, table: Table) -> tuple[str | None, ...]:
     return tuple(field.name if field.name in own else None for field in table.fields[3:])
 
 
-def _arrow_field(field: Field) -> Any:
+def arrow_field(field: Field) -> Any:
+    """Return *field* as Arrow's, with unit and meaning as its metadata."""
     import pyarrow as pa
 
     metadata = {"unit": field.unit, "meaning": field.meaning}
-    return pa.field(field.name, _ARROW[field.kind], field.optional, metadata)
+    return pa.field(field.name, ARROW[field.kind], field.optional, metadata)

@@ -21,7 +21,7 @@ LINES = (
     "trace kernel",
     "world",
     "robots channels",
-    "node faults scenario simulation results experiment sweep",
+    "node faults scenario simulation columns parts results experiment sweep",
     "report export web testing parallel env pins warm live data_dictionary cli __main__",
 )
 """The layers of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
@@ -34,7 +34,7 @@ PROTOCOLS_MAY = {
 
 OWNERS = {
     "simpy": {"kernel"},
-    "pyarrow": {"trace", "results", "report", "export"},
+    "pyarrow": {"trace", "columns", "parts", "results", "report", "export"},
     "pandas": {"trace", "results", "report", "export"},
     "numba": {"jit"},
     "click": {"cli"},

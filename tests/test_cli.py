@@ -415,6 +415,17 @@ def test_sweep_resumes_and_report_reads(cosim: Any, tmp_path: Path):
     assert len(RunStore(tmp_path / "results" / "delays").present()) == 6
 
 
+def test_export_writes_the_last_sweep_as_one_file(cosim: Any):
+    cosim("sweep", "sweep.yaml", "--jobs", "1", "-o", "r")
+    cosim("sweep", "sweep.yaml", "--jobs", "1", "-o", "r", "--set", "size=2")
+    assert cosim("export", "r", "out.csv").out == "2 rows in out.csv\n"
+    assert Path("out.csv").read_text().splitlines()[0].startswith('"experiment","replicate","configuration","seed"')
+    assert json.loads(cosim("export", "r", "out.csv", "--all", "--json").out) == {"rows": 4, "output": "out.csv"}
+    assert cosim("export", "r", "out.parquet", "--table", "observations").out == "0 rows in out.parquet\n"
+    refuse(cosim, "out.txt: expected a file that ends in .parquet or .csv", "export", "r", "out.txt")
+    refuse(cosim, "sweep.yaml: holds no results", "export", "sweep.yaml", "out.csv")
+
+
 @pytest.mark.slow
 def test_report_prints_tables_and_the_paths_of_figures(cosim: Any):
     cosim("sweep", "sweep.yaml", "--jobs", "1", "--quick")

@@ -1,15 +1,18 @@
 import fcntl
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 import protocols
+from cosim.columns import kind_of
 from cosim.errors import UserError
-from cosim.results import ReportSettings, RunStore, SweepDescription, code_digest, kind_of, provenance
+from cosim.results import AxisDescription, ReportSettings, RunStore, SweepDescription, code_digest, provenance
 from cosim.trace import Field
 
 
@@ -192,8 +195,44 @@ def test_columns_that_were_of_another_kind_in_an_older_sweep_do_not_disturb_the_
         store.append([run_row(1, size="two")], [], [], {})
         store.describe(DESCRIPTION)
     assert store.present()["size"].tolist() == ["two"]
-    with pytest.raises(UserError, match="runs: the parts do not fit together, expected a folder for each sweep"):
-        store.read()
+    assert store.read()["size"].tolist() == ["2", "two"]
+    with store.writing():
+        store.describe(
+            DESCRIPTION.model_copy(update={"code": "old", "axes": {"size": AxisDescription(path="", values=(2,))}})
+        )
+    assert store.present()["size"].tolist() == [2]
+
+
+def test_values_that_no_sweep_has_are_told(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1, size=2)], [], [], {})
+        store.describe(DESCRIPTION.model_copy(update={"axes": {"radio": AxisDescription(path="r", values=(None,))}}))
+    with pytest.raises(UserError, match=r"sweep\.json: axes\.radio\.values: are no values of an axis$"):
+        store.present()
+
+
+def test_parts_in_which_other_things_go_by_the_fixed_names_are_told(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1)], [], [], {})
+        store.describe(DESCRIPTION)
+    (part,) = (tmp_path / "runs").glob("*.parquet")
+    table = pq.read_table(part)
+    place = table.column_names.index("seed")
+    pq.write_table(table.set_column(place, "seed", pa.array(["first"])), part.with_name("part-00000-1f0c9a2b.parquet"))
+    part.unlink()
+    for use in (store.read, store.present, declaring(store)):
+        with pytest.raises(UserError, match="runs: the parts do not fit together, expected a folder for each sweep: "):
+            use()
+
+
+def declaring(store: RunStore) -> Callable[[], None]:
+    def declare() -> None:
+        with store.writing():
+            store.declare()
+
+    return declare
 
 
 @pytest.mark.parametrize(
@@ -300,6 +339,8 @@ def test_what_stands_beside_ours_in_a_folder_of_the_users_is_told_apart(
         ([1, "a"], "str"),
         ([1, True], "str"),
         ([None], "null"),
+        ([None, np.float64(1.5), 2], "float"),
+        ([np.int64(1), np.bool_(True)], "str"),
     ],
 )
 def test_a_column_holds_all_of_its_values(values: list[Any], kind: str):

@@ -6,13 +6,15 @@ own.
 
 from collections.abc import Sequence
 from itertools import count
+from typing import ClassVar
 
 import networkx as nx
 
 from cosim.channels.adhoc.mac import Packet
-from cosim.channels.adhoc.routing.base import Delivery, Queues
+from cosim.channels.adhoc.routing.base import Delivery, Queues, counts
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
 from cosim.machine import Address, Outcome
+from cosim.protocol import Metric
 from cosim.units import Time
 
 TTL = 64
@@ -25,6 +27,8 @@ def reach(places_m: Sequence[tuple[float, float]], range_m: float) -> "nx.Graph[
 
 class Omniscient(Queues):
     """One robot's router."""
+
+    metrics: ClassVar[tuple[Metric, ...]] = counts("control_octets")
 
     def __init__(self, address: Address, graph: "nx.Graph[Address]") -> None:
         """Read *graph*, all stations that are on and reach each other, again for every payload."""

@@ -23,7 +23,7 @@ from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
 from cosim.channels.adhoc.mac import KINDS, Packet
 from cosim.channels.adhoc.reach import FAINT_MW, Reach
-from cosim.channels.adhoc.routing.base import Delivery
+from cosim.channels.adhoc.routing.base import COUNTS, Delivery
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
 from cosim.channels.adhoc.stations import Rules, Stations
@@ -77,15 +77,17 @@ class Handover:
             take()
 
 
+_SENT = (
+    Metric("frames_sent", "1", "frames on the air, those of the MAC and repeated ones too"),
+    Metric("payloads_dropped", "1", "payloads to one robot that were sent as often as allowed, and not acknowledged"),
+)
+"""What all channels count, with routers or without."""
+
+
 class AdhocChannel(IdealChannel):
     """All robots' radios on one 802.11 channel."""
 
-    metrics: ClassVar[tuple[Metric, ...]] = (
-        Metric("frames_sent", "1", "frames on the air, those of the MAC and repeated ones too"),
-        Metric(
-            "payloads_dropped", "1", "payloads to one robot that were sent as often as allowed, and not acknowledged"
-        ),
-    )
+    metrics: ClassVar[tuple[Metric, ...]] = (*_SENT, *COUNTS)
 
     def __init__(
         self,
@@ -133,6 +135,11 @@ class AdhocChannel(IdealChannel):
         return Forwarding(self.size, lambda robot, now: make_router(routing, robot, draws, now), self.kernel, self)
 
     # ------------------------------------------------------------ the channel's contract
+
+    @property
+    def columns(self) -> tuple[Metric, ...]:
+        """The metrics that ``summary`` returns: those of the routers follow, if there are any."""
+        return _SENT if self._forwarding is None else (*_SENT, *self._forwarding.metrics)
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Queue a payload; its fate is DELIVERED when it is acknowledged, SENT when a broadcast has ended.

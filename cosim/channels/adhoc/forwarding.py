@@ -16,6 +16,7 @@ from cosim.channels.adhoc.settings import RoutingSettings
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE, Handle, Kernel
 from cosim.machine import Address, Outcome, Outgoing
+from cosim.protocol import Metric
 from cosim.randomness import Draws
 from cosim.units import Time
 
@@ -92,6 +93,11 @@ class Forwarding:
             _add(self._past, self.routers[address].summary())
             self.routers[address] = self._make(address, self._kernel.now)
         self._drain(address)
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """The metrics that ``summary`` returns."""
+        return self.routers[0].metrics
 
     def summary(self) -> dict[str, float]:
         """Return what all routers have counted, summed up, earlier ones included."""

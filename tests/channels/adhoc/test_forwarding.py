@@ -71,6 +71,7 @@ def test_a_full_station_loses_a_payload_and_breaks_no_link(settings: RoutingSett
     assert counts.get("links_broken", 0) == 0
     assert counts.get("route_requests", 1) == 1
     assert counts.get("payloads_unrouted", 1) == 1
+    assert {metric.name for metric in net.routers.metrics} == set(counts)
 
 
 def test_what_a_router_has_counted_in_an_earlier_life_is_not_lost() -> None:

@@ -1,30 +1,21 @@
 """The output of an AODV router: packets for its station, some held back at random, and payloads for its host."""
 
 from heapq import heappop, heappush
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv_search import Carried
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Message, Rrep, encode_message
-from cosim.channels.adhoc.routing.base import Queues
+from cosim.channels.adhoc.routing.base import Queues, counts
 from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, encode
 from cosim.machine import BROADCAST, Address
+from cosim.protocol import Metric
 from cosim.randomness import Draws
 from cosim.units import Time
 
 _FIRST, _JITTER = 1, 2
 """Purposes of draws."""
-_COUNTS = (
-    "packets_malformed",
-    "control_packets",
-    "control_octets",
-    "route_requests",
-    "route_errors",
-    "links_broken",
-    "payloads_forwarded",
-    "payloads_unrouted",
-)
 
 
 class Watch(NamedTuple):
@@ -39,12 +30,23 @@ class Watch(NamedTuple):
 class Output(Queues):
     """The packets, payloads and fates of one robot's router."""
 
+    metrics: ClassVar[tuple[Metric, ...]] = counts(
+        "packets_malformed",
+        "control_packets",
+        "control_octets",
+        "route_requests",
+        "route_errors",
+        "links_broken",
+        "payloads_forwarded",
+        "payloads_unrouted",
+    )
+
     def __init__(self, address: Address, settings: AodvSettings, draws: Draws, now: Time) -> None:
         super().__init__(address)
         self.address = address
         self.settings = settings
         self.times = settings.times()
-        self.counts = dict.fromkeys(_COUNTS, 0)
+        self.counts = dict.fromkeys((metric.name for metric in self.metrics), 0)
         self._draws = draws
         self._drawn = 0
         self._identification, self._request_id, *_ = draws.words(now, address, _FIRST)

@@ -5,15 +5,33 @@ over packets that have arrived, and reports whether a neighbour has acknowledged
 leaves, and wakes it at ``wake_at``. All that a router knows of the network it has from bytes that it has received.
 """
 
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.ip import HEADER_OCTETS
 from cosim.machine import Address, Outcome
+from cosim.protocol import Metric
 from cosim.units import Time
 
 MOST_OCTETS: Final = 0xFFFF - HEADER_OCTETS
 """Longest payload: what one IPv4 packet holds."""
+COUNTS: Final = (
+    Metric("control_packets", "1", "packets of the routing protocol sent, those of others repeated included"),
+    Metric("control_octets", "1", "octets of these packets, IPv4 and UDP headers included"),
+    Metric("route_requests", "1", "searches for a route, each repetition counted (RREQ)"),
+    Metric("route_errors", "1", "reports that destinations have become unreachable (RERR)"),
+    Metric("links_broken", "1", "times that a neighbour was found to be gone"),
+    Metric("payloads_forwarded", "1", "packets with a payload sent on for another robot"),
+    Metric("payloads_unrouted", "1", "payloads given up for want of a route, at whichever robot"),
+    Metric("packets_malformed", "1", "packets that made no sense, and were dropped"),
+)
+"""What routers count; each kind of router counts some of these."""
+
+
+def counts(*names: str) -> tuple[Metric, ...]:
+    """Return those of ``COUNTS`` with these *names*, in the order of *names*."""
+    known = {metric.name: metric for metric in COUNTS}
+    return tuple(known[name] for name in names)
 
 
 class Delivery(NamedTuple):
@@ -36,6 +54,9 @@ class Unsent(NamedTuple):
 
 class Router(Protocol):
     """One robot's router."""
+
+    metrics: ClassVar[tuple[Metric, ...]]
+    """The metrics that ``summary`` returns."""
 
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
         """Bring *payload* to *destination*, or to all (BROADCAST); its fate is reported if it has a *token*."""

@@ -6,15 +6,16 @@ delivered there only, and not repeated there.
 """
 
 from heapq import heappop, heappush
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 from pydantic import Field
 
 from cosim.channels.adhoc.mac import Packet
-from cosim.channels.adhoc.routing.base import Delivery, Queues
+from cosim.channels.adhoc.routing.base import Delivery, Queues, counts
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
+from cosim.protocol import Metric
 from cosim.randomness import Draws
 from cosim.settings import Seconds, Settings
 from cosim.units import Time, from_seconds
@@ -89,6 +90,8 @@ class Repeats:
 
 class Flooding(Queues):
     """The router of one robot that floods; its numbers start anywhere, so that a reboot does not repeat them."""
+
+    metrics: ClassVar[tuple[Metric, ...]] = counts("payloads_forwarded", "packets_malformed")
 
     def __init__(self, address: Address, settings: FloodingSettings, draws: Draws, now: Time = 0) -> None:
         super().__init__(address)

@@ -12,12 +12,12 @@ HELLOs that 8.5 permits, and the early TCs that 9.3 recommends, upon changes; HE
 neighbours, so that the refresh interval matters for the hold time only.
 """
 
-from typing import Final, Literal, NamedTuple, Self
+from typing import ClassVar, Final, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
 from cosim.channels.adhoc.mac import Packet
-from cosim.channels.adhoc.routing.base import Delivery, Queues, Unsent
+from cosim.channels.adhoc.routing.base import Delivery, Queues, Unsent, counts
 from cosim.channels.adhoc.routing.flooding import NUMBERS, Repeats, Seen
 from cosim.channels.adhoc.routing.ip import OLSR_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.channels.adhoc.routing.olsr_graph import RoutingEntry, routing_table
@@ -42,6 +42,7 @@ from cosim.channels.adhoc.routing.olsr_wire import (
 )
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
+from cosim.protocol import Metric
 from cosim.randomness import Draws
 from cosim.settings import Count, Seconds, Settings, error_at
 from cosim.units import Time, from_seconds, to_seconds
@@ -189,6 +190,15 @@ class _Sent(NamedTuple):
 class Olsr(Queues):
     """The OLSR router of one robot; its numbers start anywhere, so that a reboot does not repeat them."""
 
+    metrics: ClassVar[tuple[Metric, ...]] = counts(
+        "control_packets",
+        "control_octets",
+        "links_broken",
+        "payloads_forwarded",
+        "payloads_unrouted",
+        "packets_malformed",
+    )
+
     def __init__(self, address: Address, settings: OlsrSettings, draws: Draws, now: Time = 0) -> None:
         super().__init__(address)
         self._settings = settings
@@ -214,17 +224,7 @@ class Olsr(Queues):
         self._table_of = (-1, -1)
         self._sent: dict[int, _Sent] = {}
         self._tokens = 0
-        self._counts = dict.fromkeys(
-            (
-                "control_packets",
-                "control_octets",
-                "links_broken",
-                "payloads_forwarded",
-                "payloads_unrouted",
-                "packets_malformed",
-            ),
-            0,
-        )
+        self._counts = dict.fromkeys((metric.name for metric in self.metrics), 0)
 
     # ------------------------------------------------------------ payloads
 
