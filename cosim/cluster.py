@@ -22,7 +22,7 @@ from cosim.sweep import Asked, Engine, Execution, Finished, lost
 
 NEEDS: Final = ("distributed>=2024.8",)
 """The extra ``cluster`` of pyproject.toml."""
-BATCH_SYSTEM_NEEDS: Final = (*NEEDS, "dask-jobqueue>=0.9")
+BATCH_SYSTEM_NEEDS: Final = (*NEEDS, "dask_jobqueue>=0.9")
 """The extra ``slurm`` of pyproject.toml."""
 WAIT_S: Final = 10.0
 """Patience with a scheduler that does not answer, and with one that has no worker."""
