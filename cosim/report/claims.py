@@ -205,7 +205,7 @@ def _told(figures: ModuleType | None, function: str) -> str:
     """Return the first sentence of the docstring of a *function* in *figures*, or nothing."""
     found = getattr(figures, function)
     text = getattr(found, "func", found).__doc__ or ""  # of what a functools.partial calls
-    return " ".join(text.split("\n\n")[0].split()).rstrip(".")
+    return " ".join(text.split("\n\n")[0].split()).rstrip(".").removeprefix("Return ")
 
 
 def _rows(frame: pd.DataFrame, claim: Claim) -> pd.DataFrame | None:
