@@ -1,9 +1,11 @@
 """Typed columns, a digest of content, files that are whole or absent, and tables of events."""
 
 import math
+import os
 import stat
 from dataclasses import dataclass, field
 from pathlib import Path
+from stat import S_ISDIR
 from typing import Any
 
 import pyarrow as pa
@@ -309,10 +311,12 @@ def test_rows_are_written_in_the_order_of_time(tmp_path: Path):
     assert trace.digest() == before
 
 
-def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     done: list[str] = []
     replace = Path.replace
-    monkeypatch.setattr("os.fsync", lambda file: done.append("written"))
+    monkeypatch.setattr("os.fsync", lambda file: done.append("folder" if S_ISDIR(os.fstat(file).st_mode) else "file"))
     monkeypatch.setattr(Path, "replace", lambda path, target: done.append("renamed") or replace(path, target))
     write_parquet(pa.table({"x": [1]}), tmp_path / "x.parquet")
-    assert done == ["written", "renamed"]
+    assert done == ["file", "renamed", "folder"]
