@@ -398,7 +398,8 @@ def _wanted(told: SweepDescription, shard: Shard) -> "npt.NDArray[np.bool_]":
     Runs are dealt out replicate by replicate: a sweep that is cut short has seen every arm.
     """
     arms = len(told.configurations)
-    first = np.array([told.configurations.index(each) == arm for arm, each in enumerate(told.configurations)])
+    first_of = {each: arm for arm, each in reversed(list(enumerate(told.configurations)))}
+    first = np.array([first_of[each] == arm for arm, each in enumerate(told.configurations)])
     number = np.arange(arms * told.replicates).reshape(told.replicates, arms).T
     wanted: npt.NDArray[np.bool_] = first[:, None] & (number % shard.of == shard.number - 1)
     return wanted
