@@ -11,13 +11,13 @@ SOAK_SHARE ?= 1.0
 PYTHONS ?= python3.12 python3.13
 TRIED := $(patsubst %,tests/test_%.py,architecture cli experiment kernel randomness scenario settings simulation trace)
 
-.PHONY: setup run sweep report test fast soak check pythons bench bench-peers fresh format clean
+.PHONY: setup run sweep report test fast soak check pythons bench bench-peers docs fresh format clean
 
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,cluster,gym]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,cluster,gym,sensitivity,docs]'
 	$(BIN)/cosim warm
 	touch $@
 
@@ -56,10 +56,14 @@ pythons:
 	    $$python -c '' 2>/dev/null || { echo "$$python is not here: nothing is tried with it"; continue; }; \
 	    home=$(VENV)-$$($$python -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \
 	    $$python -m venv $$home && \
-	    $$home/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,gym]' && \
+	    $$home/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,gym,sensitivity]' && \
 	    $$home/bin/python -m pytest -q -m 'not slow and not soak' $(TRIED) && \
 	    $$home/bin/cosim run examples/2_bluetooth.yaml || exit 1; \
 	done
+
+# the handbook, from docs/ and the code, into build/site/index.html; any warning is an error
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -W -n --keep-going -q docs build/site
 
 format: $(STAMP)
 	$(BIN)/ruff check --fix .

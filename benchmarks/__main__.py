@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import simpy
 
-from benchmarks import aggregation, exploration, reflection, start, workloads
+from benchmarks import aggregation, exploration, learning, reflection, start, workloads
 from benchmarks.peers import arena
 
 ROUNDS = 7
@@ -71,6 +71,8 @@ FIGURES = (
     Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries, bound=1200),
     Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),
     Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages, bound=40),
+    Figure("agent-step of 8 agents over Bluetooth, all silent", learning.agent_steps(0), bound_s=83e-6),
+    Figure("the same, each with a message of 16 bytes", learning.agent_steps(16), bound_s=200e-6),
     *(
         Figure(f"robot-step of goal reflection, teams of 1 to 4: {algorithm}", reflection.robot_steps(algorithm))
         for algorithm in ("potential_field", "avoid_past", "visbug")

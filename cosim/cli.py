@@ -14,7 +14,7 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
@@ -262,6 +262,36 @@ def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
     return max(tops, key=lambda top: (depths[top], -calls[top][1]))
 
 
+# ---------------------------------------------------------------- live
+
+
+@commands.command("live", short_help="Make a run on the wall clock, each robot a process.")
+@click.argument("scenario")
+@click.option("--udp", is_flag=True, help="Robots talk by UDP, on 127.0.0.1 only: there is no other way yet.")
+@click.option("--seed", type=SEED, help="Instead of the scenario's own.")
+@SETS
+@JSON
+@told_of_compiling()
+def live(scenario: str, udp: bool, seed: int | None, sets: tuple[str, ...], as_json: bool) -> None:
+    """Make a run of SCENARIO in real time: each robot's machine is a process, and its payloads are UDP datagrams."""
+    from cosim.live.team import live as make
+    from cosim.scenario import dump
+
+    if not udp:
+        raise UserError("--udp is missing: robots talk by UDP, on 127.0.0.1 only, and by nothing else yet")
+    chosen = _scenario(scenario, sets)
+    seed = chosen.seed if seed is None else seed
+    with _naming(scenario, sets):
+        outcome = make(chosen, seed, partial(click.echo, err=True))
+    for line in _few(outcome.notices):
+        click.echo(line, err=True)
+    if as_json:
+        found = {"seed": seed, "parameters": dump(chosen), "metrics": outcome.metrics, "notices": outcome.notices}
+        click.echo(as_plain_json(found))
+        return
+    click.echo(_metrics(outcome, seed))
+
+
 # ---------------------------------------------------------------- view, and the pages of protocols
 
 WEB_NEEDS: Final = ("starlette>=0.40", "uvicorn>=0.52.1", "websockets>=13")
@@ -378,22 +408,6 @@ def _broken_command(name: str, why: str) -> click.Command:
 
     anything = {"ignore_unknown_options": True, "allow_extra_args": True}
     return click.Command(name, callback=fail, short_help=why, add_help_option=False, context_settings=anything)
-
-
-@commands.command("report", short_help="Tables and figures of a sweep.")
-@click.argument("results", type=click.Path(path_type=Path))
-@JSON
-def report(results: Path, as_json: bool) -> None:
-    """Print tables and write figures of RESULTS, ours beside the published ones."""
-    from cosim.report.sweep_report import report as make_report
-
-    set_up_is_done()
-    with waiting(f"reading {results}"):
-        found = make_report(results)
-    if as_json:
-        click.echo(as_plain_json(found.plain()))
-    else:
-        click.echo(found.text())
 
 
 # ---------------------------------------------------------------- pin

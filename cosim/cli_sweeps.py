@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from cosim.console import JSON, SETS, as_plain_json, bar, set_up_is_done, told_of_compiling
+from cosim.console import JSON, SETS, as_plain_json, bar, set_up_is_done, told_of_compiling, waiting
 from cosim.errors import UserError
 
 if TYPE_CHECKING:
@@ -50,6 +50,13 @@ class Memory(click.ParamType[int]):
 @click.option("--replicates", type=click.IntRange(min=1), help="Runs of each arm.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are processors by default.")
 @click.option("--dask", metavar="ADDRESS", help="Of a Dask scheduler, whose workers make the runs; or slurm:FILE.")
+@click.option(
+    "--until-ci",
+    "until",
+    multiple=True,
+    metavar="METRIC=SHARE",
+    help="Replicates, 10 at least, --replicates at most, until the mean's 95 % interval is as narrow; may be repeated.",
+)
 @click.option("--shard", metavar="I/N", help="Make the I-th of N parts: for computers that know nothing of each other.")
 @click.option("--run-timeout", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS", help="Of a run at most.")
 @click.option("--run-memory", type=Memory(), metavar="SIZE", help="Of a run at most, such as 2GB.")
@@ -67,6 +74,7 @@ def sweep(
     replicates: int | None,
     jobs: int | None,
     dask: str | None,
+    until: tuple[str, ...],
     shard: str | None,
     run_timeout: float | None,
     run_memory: int | None,
@@ -83,7 +91,8 @@ def sweep(
     from cosim.experiment import find_experiment, load_experiment
     from cosim.processes import Limits
     from cosim.results import RunStore
-    from cosim.sweep import WHOLE, Choice, Shard, default_folder, planned, run_sweep
+    from cosim.statistics.stopping import parse_precisions
+    from cosim.sweep import WHOLE, Choice, Shard, default_folder, planned, run_sweep, run_until
     from cosim.upkeep import code_of
 
     if dask is not None and jobs is not None:
@@ -93,17 +102,23 @@ def sweep(
     folder = output or default_folder(chosen, quick, part)
     codes = tuple(code_of(RunStore(folder), each) for each in accepted)
     choice = Choice(part, codes, retry_failed, fail_fast, Limits(run_timeout, run_memory))
+    wanted = parse_precisions(until)
     set_up_is_done()
     if plan:
         found = planned(chosen, folder, jobs, choice)
         click.echo(as_plain_json(found._asdict()) if as_json else found.text())
         return 0
     with _keeping(), _cluster(dask) as engine, bar(chosen.name) as told:
-        summary = run_sweep(chosen, folder, jobs, engine, told, choice)
+        if wanted:
+            summary = run_until(chosen, folder, wanted, jobs, engine, told, choice)
+        else:
+            summary = run_sweep(chosen, folder, jobs, engine, told, choice)
     if as_json:
         click.echo(as_plain_json(summary._asdict()))
     else:
         click.echo(f"{summary.runs} runs, {summary.resumed} of them were there already, in {summary.folder}")
+        if summary.lacking:
+            click.echo(f"{summary.lacking} means are not as precise yet: more --replicates may do", err=True)
         for failure in summary.failures:
             click.echo(f"failed: {failure}", err=True)
     return 1 if summary.failures else 0
@@ -140,6 +155,90 @@ def status(results: Path, as_json: bool) -> None:
 
     found = status_of(RunStore(results))
     click.echo(as_plain_json(found._asdict()) if as_json else found.text())
+
+
+@click.command("report", short_help="Tables and figures of a sweep.")
+@click.argument("results", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Write all as one HTML page.")
+@JSON
+def report(results: Path, output: Path | None, as_json: bool) -> None:
+    """Print tables and write figures of RESULTS, ours beside the published ones."""
+    from cosim.report.experiment_page import write_page
+    from cosim.report.sweep_report import report as make_report
+
+    set_up_is_done()
+    with waiting(f"reading {results}"):
+        found = make_report(results)
+        if output is not None:
+            write_page(output, results, found)
+    if as_json:
+        click.echo(as_plain_json(found.plain()))
+    else:
+        click.echo(found.text())
+
+
+@click.command("reproduce", short_help="Run all experiments and judge all claims.")
+@click.argument("experiments", nargs=-1)
+@click.option("--quick", is_flag=True, help="Cut down for a first look, as each experiment says.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are processors by default.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of results and pages; results by default, or results/quick.",
+)
+@click.option("--keep", is_flag=True, help="Keep the verdicts beside each published.csv, as those of the whole sheet.")
+@JSON
+@told_of_compiling()
+def reproduce(
+    experiments: tuple[str, ...], quick: bool, jobs: int | None, output: Path | None, keep: bool, as_json: bool
+) -> int:
+    """Run EXPERIMENTS, all if none are named, and write a page for each and an index over all claims of all papers.
+
+    Runs that are there already are not made again. All quick ones take 11 minutes of processor time. Exit code 1: an
+    experiment, or a run of one, failed; a claim that fails is a result.
+    """
+    from cosim.report.reproduction import Reproduction
+
+    found = Reproduction(experiments, output or Path("results/quick" if quick else "results"), quick, jobs)
+    if keep and quick:
+        raise UserError("--keep: keeps the verdicts of whole sheets, expected no --quick beside it")
+    set_up_is_done()
+    for number, name in enumerate(found.tried, start=1):
+        with _keeping(), bar(f"{number} of {len(found.tried)}, {name}") as told:
+            tried = found.make(name, told)
+        click.echo(tried.line(), err=True)
+    for path in found.keep_verdicts() if keep else ():
+        click.echo(f"kept: {path}", err=True)
+    click.echo(as_plain_json(found.plain()) if as_json else found.text())
+    return 1 if found.failed else 0
+
+
+@click.command("compare", short_help="What differs between two sweeps, or two arms of one.")
+@click.argument("first", type=click.Path(path_type=Path))
+@click.argument("second", type=click.Path(path_type=Path), required=False)
+@click.option("--arm", "arms", multiple=True, metavar="AXIS=VALUE[,...]", help="Twice: two arms of FIRST.")
+@click.option("--bootstrap", is_flag=True, help="Intervals of the BCa bootstrap, for skewed values.")
+@JSON
+def compare(first: Path, second: Path | None, arms: tuple[str, ...], bootstrap: bool, as_json: bool) -> None:
+    """Print how means differ from the folder FIRST to SECOND, seed by seed where both have it, and what else does."""
+    from cosim.report.differences import compare as compare_folders
+
+    with waiting("comparing"):
+        found = compare_folders(first, second, arms, bootstrap)
+    click.echo(as_plain_json(found.plain()) if as_json else found.text())
+
+
+@click.command("sensitivity", short_help="Which axis of a sweep moves which metric.")
+@click.argument("results", type=click.Path(path_type=Path))
+@JSON
+def sensitivity(results: Path, as_json: bool) -> None:
+    """Print Sobol's indices or Morris's effects of RESULTS, of a sweep with the design saltelli or morris."""
+    from cosim.report.sensitivity import sensitivity as indices_of
+
+    with waiting(f"reading {results}"):
+        found = indices_of(results)
+    click.echo(as_plain_json(found.plain()) if as_json else found.text())
 
 
 @click.command("export", short_help="Write the table of a sweep as one file.")
@@ -233,5 +332,5 @@ def command(results: Path, row: int) -> None:
     click.echo(shlex.join(command_of(RunStore(results), row)))
 
 
-COMMANDS: Final = (sweep, status, export, results_commands)
+COMMANDS: Final = (sweep, status, report, reproduce, compare, sensitivity, export, results_commands)
 """The commands of this file."""

@@ -36,8 +36,8 @@ def _common(kinds: Collection[str]) -> str:
 def union(fixed: Sequence[Field], *more: Iterable[Field]) -> list[Field]:
     """Return *fixed* as they are, then the columns of all *more* in the order in which they come.
 
-    A column that comes several times is of the kind that holds the values of all, and is described as the first that
-    is. All but the fixed may be null.
+    A column that comes several times is of the kind that holds the values of all, and is described as the first
+    that has a unit, or a meaning. All but the fixed may be null.
     """
     found: dict[str, list[Field]] = {}
     for fields in more:
@@ -49,7 +49,7 @@ def union(fixed: Sequence[Field], *more: Iterable[Field]) -> list[Field]:
 
 
 def _joined(fields: Sequence[Field]) -> Field:
-    described = next((field for field in fields if field.unit or field.meaning), fields[0])
+    described = max(fields, key=lambda field: 2 * bool(field.unit) + bool(field.meaning))  # the first of the best
     kind: Any = _common({field.kind for field in fields})
     return described._replace(kind=kind, optional=True)
 

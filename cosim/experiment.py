@@ -1,4 +1,4 @@
-"""An experiment: a scenario, axes that vary it, replicates; read from ``experiments/NAME/sweep.yaml`` or a user's file.
+"""An experiment: a scenario, axes that vary it, replicates; from ``experiments/NAME/sweep.yaml`` or a user's file::
 
     scenario: {...}                     or the name of a scenario file beside this one
     sweep:
@@ -8,8 +8,15 @@
         values: {storey: ../floors/storey.yaml, office: office}
       network:                          without a path: each value is several settings, by their paths
         values: {usual: {}, slow: {channel.latency_s: 0.5, protocol.parameters.period_s: 2}}
+      speed: {path: body.max_speed_mps, low: 0.1, high: 0.8}    for designs that draw: with log, evenly by its logarithm
+    design: {kind: latin hypercube, points: 64}    by default the product of all axes
     replicates: 10
-    quick: {replicates: 2, sweep: {size: [2, 4]}, set: {duration_s: 60}}
+    quick: {replicates: 2, points: 8, sweep: {size: [2, 4]}, set: {duration_s: 60}}
+
+A design is the product; ``one at a time``: the first values of all axes, and each other value of each axis with them;
+or points that are drawn by the seed of the experiment: ``latin hypercube`` and ``sobol``; ``saltelli`` and ``morris``,
+from which ``cosim sensitivity`` tells which axis matters (``cosim.statistics.designs``). Of an axis with ``values``
+each is drawn as often. Whole numbers are drawn if low, high and the setting itself are whole.
 
 What is no run of robots names a function instead of a scenario: ``run: module:function`` and ``parameters: {...}``.
 It is marked with ``experiment_function``, is called with (parameters, seed) and returns metrics as a dict, or
@@ -26,7 +33,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
+from typing import Any, Literal, NamedTuple, Self, TypeAlias, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -47,11 +54,14 @@ from cosim.errors import UserError
 from cosim.installed import find_named, installed_folders
 from cosim.results import FIXED, ReportSettings
 from cosim.scenario import Scenario, build, digest, dump, given_here
-from cosim.settings import Count, FreeSettings, PlainData, Seed, Settings, error_at
+from cosim.settings import Count, Energy, FreeSettings, Int64, PlainData, Seed, Settings, error_at
+from cosim.statistics.designs import BALANCED, SAMPLED, Span, is_balanced, points
 
 Label: TypeAlias = str | int | float | bool
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+MOST_POINTS = 2**14
+"""Most points of a design: each is an arm, or several."""
 _MARK = "experiment_function"
 """The attribute of functions that a sweep.yaml may name."""
 _NO_SETTINGS = "expected, by name, mappings of settings' paths to values"
@@ -64,7 +74,10 @@ class AxisSettings(Settings):
         default=None,
         description="the setting that the axis changes; if not given, each value is several, by their paths",
     )
-    values: PlainData = Field(description="a list of values, or a mapping of names to values")
+    values: PlainData = Field(default=None, description="a list of values, or a mapping of names to values")
+    low: Int64 | Energy | None = Field(default=None, description="the least, for a design that draws")
+    high: Int64 | Energy | None = Field(default=None, description="the greatest; both are instead of values")
+    log: bool = Field(default=False, description="True: drawn evenly by the logarithm")
     titles: PlainData = Field(
         default_factory=dict, description="what a figures.py calls them, by value or name, if not by that"
     )
@@ -72,7 +85,7 @@ class AxisSettings(Settings):
     @field_validator("values")
     @classmethod
     def _named(cls, values: Any) -> Any:
-        if not isinstance(values, list | dict) or not values:
+        if values is not None and (not isinstance(values, list | dict) or not values):
             raise ValueError("is not a list of values, or a mapping of names to values")
         if isinstance(values, list) and not all(isinstance(value, Label) for value in values):
             raise ValueError("holds values that need names: expected a mapping of names to values")
@@ -86,6 +99,17 @@ class AxisSettings(Settings):
         return titles
 
     @model_validator(mode="after")
+    def _spans(self) -> Self:
+        if (self.low is None) != (self.high is None) or (self.low is None) == (self.values is None):
+            raise ValueError("expected either values, or low and high")
+        if self.low is not None and self.high is not None:
+            if not self.low < self.high:
+                raise error_at(("high",), self.high, f"is not > {self.low}, which is low")
+            if self.log and not self.low > 0:
+                raise error_at(("low",), self.low, "is not > 0, and has no logarithm")
+        return self
+
+    @model_validator(mode="after")
     def _changes_something(self) -> Self:
         if self.path is None and not (isinstance(self.values, dict) and all(map(_are_settings, self.values.values()))):
             raise error_at(("values",), self.values, f"{_NO_SETTINGS}; or path, of one setting")
@@ -96,10 +120,35 @@ def _are_settings(value: Any) -> bool:
     return isinstance(value, dict) and all(isinstance(path, str) and parse_place(path) for path in value)
 
 
+class DesignSettings(Settings):
+    """Which combinations of the axes are run."""
+
+    kind: Literal["product", "one at a time", "latin hypercube", "sobol", "saltelli", "morris"] = Field(
+        default="product", description="all, or how those that are run are chosen"
+    )
+    points: Count | None = Field(
+        default=None, ge=1, le=MOST_POINTS, description="how many are drawn; trajectories of morris"
+    )
+
+    @model_validator(mode="after")
+    def _counts(self) -> Self:
+        drawn = self.kind in SAMPLED
+        if drawn and self.points is None:
+            raise ValueError(f"{self.kind}: expected points, how many to draw")
+        if not drawn and self.points is not None:
+            raise error_at(("points",), self.points, f"is not for {self.kind}, which takes all values of the axes")
+        if self.kind in BALANCED and self.points is not None and not is_balanced(self.points):
+            below = 1 << (self.points.bit_length() - 1)
+            told = f"is not a power of two, and {self.kind} loses its balance: expected {below} or {2 * below}"
+            raise error_at(("points",), self.points, told)
+        return self
+
+
 class QuickSettings(Settings):
     """How the experiment is cut down for a first look."""
 
     replicates: Count = Field(default=2, ge=1, description="runs of each arm")
+    points: Count | None = Field(default=None, ge=1, le=MOST_POINTS, description="how many points a design draws")
     sweep: dict[str, PlainData] = Field(
         default_factory=dict, description="other values for some axes, by their columns"
     )
@@ -118,9 +167,10 @@ class ExperimentSettings(Settings):
     parameters: dict[str, PlainData] = Field(default_factory=dict, description="of the function")
     seed: Seed = Field(default=1, ge=0, description="of the function's first replicate")
     sweep: dict[str, AxisSettings] = Field(default_factory=dict, description="the axes")
+    design: DesignSettings = Field(default_factory=DesignSettings, description="which combinations of them are run")
     replicates: Count = Field(default=10, ge=1, description="runs of each arm; all arms see the same seeds")
-    quick: QuickSettings = Field(default_factory=QuickSettings)
-    report: ReportSettings = Field(default_factory=ReportSettings)
+    quick: QuickSettings = Field(default_factory=QuickSettings, description="what --quick cuts down")
+    report: ReportSettings = Field(default_factory=ReportSettings, description="what the report shows")
 
     @field_validator("sweep", mode="before")
     @classmethod
@@ -131,19 +181,31 @@ class ExperimentSettings(Settings):
             name: {"path": name, "values": axis} if isinstance(axis, list) else axis for name, axis in sweep.items()
         }
 
+    @field_validator("design", mode="before")
+    @classmethod
+    def _kind_alone(cls, design: Any) -> Any:
+        return {"kind": design} if isinstance(design, str) else design
+
     @model_validator(mode="after")
     def _runs_something(self) -> Self:
         if (self.scenario is None) == (self.run is None):
             raise ValueError("expected either scenario or run")
+        if self.design.kind in SAMPLED and not self.sweep:
+            raise error_at(("design",), self.design.kind, "expected a sweep, of axes to draw from")
         return self
 
 
 class Axis(NamedTuple):
-    """An axis by the name of its column, the path of its setting, if it is one, and its labelled values."""
+    """An axis by the name of its column, the path of its setting, if it is one, and its labelled values.
+
+    Of a design that draws, the values are those of its points, in their order, as often as they were drawn.
+    """
 
     name: str
     path: str | None
     values: tuple[tuple[Label, Any], ...]
+    span: Span | None = None
+    """What its values are to be drawn from, if it has none yet."""
 
     def changes(self, label: Label, value: Any, source: str) -> list[Assignment]:
         """Return what *value*, called *label*, changes; errors name *source*."""
@@ -155,7 +217,7 @@ class Axis(NamedTuple):
 
 @dataclass(frozen=True)
 class Arm:
-    """One combination of the axes' values."""
+    """One combination of the axes' values, whatever the design."""
 
     labels: dict[str, Label]
     scenario: Scenario | None
@@ -221,7 +283,7 @@ def axis_titles(folder: Path) -> dict[str, dict[Any, str]]:
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     columns = _columns(settings.sweep, str(path))
     return {
-        columns[key]: {label: axis.titles.get(label, str(label)) for label in axis.values}
+        columns[key]: {label: axis.titles.get(label, str(label)) for label in axis.values or ()}
         for key, axis in settings.sweep.items()
     }
 
@@ -285,9 +347,10 @@ def load_experiment(
         changes = settings.quick.set.items()
         fixed = [*(Assignment(parse_place(key), value, f"{path}: quick.set.{key}") for key, value in changes), *fixed]
     base, folder, source = _base(settings, path, fixed)
-    arms = tuple(_arm(settings, base, folder, source, axes, values) for values in _product(axes))
-    wanted = replicates or (settings.quick.replicates if quick else settings.replicates)
     seed = base["seed"] if settings.scenario is not None else settings.seed
+    axes, rows = _combined(_design(settings, str(path), quick), axes, base, seed, str(path))
+    arms = tuple(_arm(settings, base, folder, source, axes, values) for values in rows)
+    wanted = replicates or (settings.quick.replicates if quick else settings.replicates)
     name = settings.name or path.resolve().parent.name
     short = [f"{key}={json.dumps(value)}" for key, value in settings.quick.set.items()] if quick else []
     return Experiment(name, path, settings, base, axes, arms, wanted, seed, (*short, *sets))
@@ -387,8 +450,50 @@ def _arm(
     return Arm(labels, scenario, None, {}, digest([dump(scenario), scenario.map_digests()]))
 
 
-def _product(axes: Sequence[Axis]) -> Iterable[tuple[tuple[Label, Any], ...]]:
-    return itertools.product(*(axis.values for axis in axes))
+def _design(settings: ExperimentSettings, source: str, quick: bool) -> DesignSettings:
+    design = settings.design
+    if not quick or settings.quick.points is None:
+        return design
+    plain = {"kind": design.kind, "points": settings.quick.points}
+    return validated(DesignSettings, plain, f"{source}: quick")
+
+
+def _combined(
+    design: DesignSettings, axes: Sequence[Axis], base: Mapping[str, Any], seed: int, source: str
+) -> tuple[tuple[Axis, ...], Iterable[tuple[tuple[Label, Any], ...]]]:
+    """Return *axes* with the values that *design* gives them, and the combinations that are run, each once."""
+    if design.kind in SAMPLED:
+        drawn = points(design.kind, design.points or 0, len(axes), seed)
+        rows = [tuple(_picked(axis, base, place) for axis, place in zip(axes, row, strict=True)) for row in drawn]
+        axes = tuple(axis._replace(values=tuple(row[at] for row in rows)) for at, axis in enumerate(axes))
+        return axes, {tuple(label for label, _ in row): row for row in rows}.values()
+    for axis in axes:
+        if axis.span is not None:
+            raise UserError(f"{source}: sweep.{axis.name}: low and high are for a design that draws, not {design.kind}")
+    if design.kind == "product":
+        return tuple(axes), itertools.product(*(axis.values for axis in axes))
+    first = tuple(axis.values[0] for axis in axes)
+    others = [(*first[:at], value, *first[at + 1 :]) for at, axis in enumerate(axes) for value in axis.values[1:]]
+    return tuple(axes), [first, *others]
+
+
+def _picked(axis: Axis, base: Mapping[str, Any], place: float) -> tuple[Label, Any]:
+    """Return the labelled value of *axis* at *place*, of [0, 1]."""
+    if axis.span is None:
+        return axis.values[min(int(place * len(axis.values)), len(axis.values) - 1)]
+    value = axis.span._replace(whole=axis.span.whole and _is_whole(base, parse_place(axis.path or ""))).at(place)
+    return value, value
+
+
+def _is_whole(plain: Any, place: Place) -> bool:
+    """Return whether the setting at *place* in *plain* is a whole number."""
+    for step in place:
+        inside = isinstance(plain, Mapping) and step in plain
+        inside = inside or (isinstance(plain, list) and isinstance(step, int) and step < len(plain))
+        if not inside:
+            return False
+        plain = plain[step]
+    return isinstance(plain, int) and not isinstance(plain, bool)
 
 
 def _axes(
@@ -411,14 +516,21 @@ def _axes(
         chosen = quick.get(name, axis.values)
         if isinstance(chosen, list) and isinstance(axis.values, dict):  # names of the full list
             chosen = {label: axis.values.get(label, label) for label in chosen}
-        pairs = list(chosen.items()) if isinstance(chosen, dict) else [(value, value) for value in chosen]
+        pairs = list(chosen.items()) if isinstance(chosen, dict) else [(value, value) for value in chosen or ()]
         if axis.path is None and not all(_are_settings(value) for _, value in pairs):
             raise UserError(f"{source}: quick.sweep.{name}: {_NO_SETTINGS}, or the names of such")
         one = [item.value for item in given.settings if axis.path is not None and item.place == place]
         left = [given.several[name]] if name in given.several else one
         pairs = [(_label(value, axis), value) for value in left[-1:]] or pairs
-        axes.append(Axis(name, axis.path, tuple(pairs)))
+        axes.append(Axis(name, axis.path, tuple(pairs), None if pairs else _span(axis)))
     return tuple(axes)
+
+
+def _span(axis: AxisSettings) -> Span:
+    assert axis.low is not None
+    assert axis.high is not None
+    whole = isinstance(axis.low, int) and isinstance(axis.high, int)
+    return Span(axis.low, axis.high, axis.log, whole)
 
 
 def _label(value: Any, axis: AxisSettings) -> Label:

@@ -11,6 +11,7 @@ without the keys (configuration digest, seed, code digest) that are there.
 import hashlib
 import itertools
 import json
+import math
 import os
 import subprocess
 import sys
@@ -158,6 +159,11 @@ class SweepDescription(Settings):
         return self
 
     @property
+    def code(self) -> str:
+        """The digests of the code of the arms, each once; for most sweeps that is one."""
+        return ", ".join(dict.fromkeys(self.codes))
+
+    @property
     def runs(self) -> int:
         """Number of rows that the sweep has when it is finished: arms with the same settings have a row each."""
         return len(self.configurations) * self.replicates
@@ -200,6 +206,20 @@ class RunStore:
                 for arm in arms.get(configuration, ()):
                     if 0 <= seed - told.seed < told.replicates and code in (told.codes[arm], *told.accepted):
                         found[arm, seed - told.seed] = True
+        return found
+
+    def values(self, told: SweepDescription, metric: str) -> dict[int, dict[int, float]]:
+        """Return the values of *metric*, a column of ``runs``, by arm of *told* and replicate, NaN for none."""
+        arms, chosen = _arms_of(told), self.chosen(told)
+        found: dict[int, dict[int, float]] = {arm: {} for arm in range(len(told.configurations))}
+        for part in self.parts.whole():
+            there = metric in self.parts.schema(part).names
+            rows = self.parts.read(part, [*RUN, "code", *([metric] if there else [])]).to_pylist()
+            for row in rows:
+                if chosen.get((row["configuration"], row["replicate"])) == row["code"]:
+                    value = row.get(metric)
+                    for arm in arms[row["configuration"]]:
+                        found[arm][row["replicate"]] = math.nan if value is None else float(value)
         return found
 
     def failed(self, told: SweepDescription) -> list[Row]:

@@ -46,11 +46,14 @@ from cosim.installed import find_installed, installed_names
 from cosim.protocol import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings
+from cosim.robots.trajectories import find_paths
 from cosim.settings import Count, Decibels, Metres, Seconds, Seed, Settings, error_at
 from cosim.units import SLOT, Time, from_seconds
 from cosim.world.floorplan import FloorplanSettings
 
 MOST_ROBOTS: Final = 10_000
+FILES: Final = (("floorplan", "map"), ("team", "trajectories"))
+"""Places of the settings that may name a file."""
 
 
 def protocol_names() -> list[str]:
@@ -112,6 +115,11 @@ class TeamSettings(Settings):
     )
     starts: tuple[tuple[Metres, Metres], ...] | None = Field(
         default=None, description="m, where the robots start; drawn from the seed if not given"
+    )
+    trajectories: str | None = Field(
+        default=None,
+        description="file of paths that robots follow, whatever they are told: CSV (robot, time_s, x_m, y_m, maybe "
+        "heading_rad) or ns-2 movements; robots that it does not name drive",
     )
     sight_range_m: Metres | None = Field(
         default=None, gt=0, description="m, how far a robot sees others; without limit if not given"
@@ -222,7 +230,7 @@ class Scenario(Settings):
 
     @property
     def folder(self) -> Path:
-        """The folder against which relative map paths are resolved first."""
+        """The folder against which relative paths of files are resolved first."""
         return self._folder
 
     @property
@@ -240,18 +248,23 @@ class Scenario(Settings):
         return self.channel.radios if isinstance(self.channel, RadiosSettings) else (self.channel,)
 
     def map_digests(self) -> list[str]:
-        """Return the SHA-256 of the floor's files, if its map is one: of it, its image, all that share its stem."""
+        """Return the SHA-256 of the files that it names: the paths of robots, and the floor's if its map is one.
+
+        Those are the map, its image, all that share its stem.
+        """
+        followed = find_paths(self.team.trajectories, self.folder) if self.team.trajectories else None
+        paths = [] if followed is None else [hashlib.sha256(followed.read_bytes()).hexdigest()]
         places = [base / self.floorplan.map for base in (self.folder, Path())]
         found = next((place for place in places if is_file(place)), None)
         if found is None:
-            return []
+            return paths
         files = {*found.parent.glob(f"{glob.escape(found.stem)}.*")}
         if found.suffix in (".yaml", ".yml"):
             files |= {found.parent / image for image in _images_named(read_bytes(found))}
-        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files) if is_file(path)]
+        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files) if is_file(path)] + paths
 
     def placed(self, folder: Path) -> Self:
-        """Return a copy whose relative map path is resolved against *folder*."""
+        """Return a copy whose relative paths of files are resolved against *folder*."""
         copy = self.model_copy()
         copy._folder = folder
         return copy
@@ -380,8 +393,8 @@ def changed(scenario: Scenario, changes: Mapping[str, Any], source: str, folder:
 
 
 def given_here(item: Assignment) -> Assignment:
-    """Return *item* from the command line, with a map's path relative to the working directory made absolute."""
-    if item.place == ("floorplan", "map") and isinstance(item.value, str) and is_file(Path(item.value)):
+    """Return *item* from the command line, with a file's path relative to the working directory made absolute."""
+    if item.place in FILES and isinstance(item.value, str) and is_file(Path(item.value)):
         return item._replace(value=str(Path(item.value).resolve()))
     return item
 

@@ -16,9 +16,10 @@ from typing import Any, Final
 from cosim.channels.base import WHY_UNSENT, Channel
 from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
-from cosim.errors import LocalProtocolError
+from cosim.errors import LocalProtocolError, UserError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
+from cosim.faults.settings import FrozenSettings, MovedSettings
 from cosim.kernel import DELIVER, WORLD, Kernel
 from cosim.machine import OPERATOR, Address, Command, GoTo, Machine, Reception
 from cosim.node import Node, Notices, Said
@@ -29,6 +30,7 @@ from cosim.robots.motion import Fleet
 from cosim.robots.pictures import Sightlines, pictures
 from cosim.robots.placement import checked_starts, misfit
 from cosim.robots.senses import WORLD_FRAME, Frame, Senses
+from cosim.robots.trajectories import Paths, load_paths
 from cosim.scenario import Scenario, TeamSettings
 from cosim.trace import POSES, Table, Trace, events_table
 from cosim.units import Time, to_seconds
@@ -94,9 +96,11 @@ class Simulation:
         self.floorplan: Floorplan = load_floorplan(scenario.floorplan, scenario.folder)
         streams = Streams(seed)
         parameters = scenario.protocol.parameters
+        self._paths = self._followed()
         surroundings = self._surroundings(parameters, streams)
         setup = self.spec.prepare(parameters, surroundings)
-        self.fleet = Fleet(scenario.team.bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
+        bodies, walls = scenario.team.bodies, self.floorplan.grid
+        self.fleet = Fleet(bodies, surroundings.starts_m, walls, scenario.tick, paths=self._paths)
         self.senses = self._senses(surroundings, streams)
         self.channel = make_channel(scenario.channel, scenario.team, self.kernel, self.trace, streams, self.floorplan)
         self.referee: Referee = self.spec.referee(parameters, setup, surroundings)
@@ -207,10 +211,23 @@ class Simulation:
             giver = f"protocol {self.spec.name}: place()"
             if len(starts) != scenario.team.size:
                 raise LocalProtocolError(f"{giver} returns {len(starts)} starts, expected {scenario.team.size}")
-        checked_starts(starts, radii_m, floor, giver)
+        guided = {} if self._paths is None else self._paths.starts_m
+        starts = tuple(guided.get(robot, start) for robot, start in enumerate(starts))
+        checked_starts(starts, radii_m, floor, giver, guided)
         return surroundings._replace(
             starts_m=tuple(starts), frames=_frames(scenario, starts, streams), seed=streams.seed
         )
+
+    def _followed(self) -> Paths | None:
+        """Return the paths that robots follow, if there are any; raise UserError for a fault that would keep them."""
+        scenario, name = self.scenario, self.scenario.team.trajectories
+        if name is None:
+            return None
+        paths = load_paths(name, scenario.folder, range(scenario.team.size), self.floorplan.bounds_m)
+        for number, fault in enumerate(scenario.faults):
+            if isinstance(fault, FrozenSettings | MovedSettings) and fault.robot in paths.starts_m:
+                raise UserError(f"faults[{number}].robot: {fault.robot} follows a path, and is never {fault.kind}")
+        return paths
 
     def _senses(self, surroundings: Surroundings, streams: Streams) -> Senses | None:
         team = self.scenario.team

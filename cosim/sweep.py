@@ -5,6 +5,7 @@ and differences between arms are paired. What a row holds does not depend on how
 """
 
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -39,6 +40,7 @@ from cosim.results import (
 from cosim.scenario import Scenario, digest
 from cosim.simulation import Simulation, simulate
 from cosim.sources import Origin, closure, differing, origin
+from cosim.statistics.stopping import decide
 from cosim.trace import Field
 from cosim.upkeep import told_time
 
@@ -111,6 +113,8 @@ class Summary(NamedTuple):
     """How many of the runs were there already."""
     failures: tuple[str, ...]
     """The errors of the runs that failed, each with its arm."""
+    lacking: int = 0
+    """Of a sweep that goes on until means are precise: how many are not, with all replicates that it may have."""
 
 
 # ---------------------------------------------------------------- one run
@@ -327,7 +331,8 @@ def command_of(store: RunStore, row: int) -> list[str]:
         raise UserError(f"{store.folder}: has {len(runs)} rows, from 0, expected one of them, not {row}")
     asked = runs.slice(row, 1).to_pylist()[0]
     labels = told.labels[told.configurations.index(asked["configuration"])]
-    sets = [*told.given, *(f"{name}={value}" for name, value in zip(told.axes, labels, strict=True))]
+    values = zip(told.axes.items(), labels, strict=True)
+    sets = [*told.given, *(f"{axis.path or name}={value}" for (name, axis), value in values)]
     experiment = load_experiment(told.source, sets)
     (arm,) = experiment.arms
     if arm.run is None:
@@ -335,6 +340,41 @@ def command_of(store: RunStore, row: int) -> list[str]:
         return ["cosim", "run", told.source, *options, "--seed", str(asked["seed"])]
     module, _, function = arm.run.partition(":")
     return ["python", "-c", f"from {module} import {function}; print({function}({arm.parameters!r}, {asked['seed']}))"]
+
+
+def run_until(
+    experiment: Experiment,
+    folder: str | Path,
+    wanted: Mapping[str, float],
+    jobs: int | None = None,
+    engine: Engine | None = None,
+    progress: Progress = lambda done, total, failed: None,
+    choice: Choice = Choice(),  # it is frozen
+) -> Summary:
+    """Do what ``run_sweep`` does, in rounds, until the mean of each metric *wanted* is as precise as that, in all arms.
+
+    *wanted* gives the relative error of each; ``cosim.statistics.stopping`` says when to look. There are never more
+    replicates than *experiment* has. Raise UserError for a metric that no run has, or beside a shard.
+    """
+    if choice.shard != WHOLE:
+        raise UserError("--shard: knows nothing of the other shards, and --until-ci looks at all runs")
+    most, store = experiment.replicates, RunStore(Path(folder))
+    whole = description_of(experiment, origins_of(experiment), choice.accepted)
+    while True:
+        samples = {
+            (arm, metric): by_replicate
+            for metric in wanted
+            for arm, by_replicate in store.values(whole, metric).items()
+        }
+        known = {metric for (_, metric), values in samples.items() if not all(map(math.isnan, values.values()))}
+        if missing := sorted(wanted.keys() - known) if any(samples.values()) else []:
+            raise UserError(f"--until-ci: no run has a value of {missing[0]}")
+        decision = decide(samples, {key: wanted[key[1]] for key in samples}, most)
+        rounds = replace(experiment, replicates=decision.replicates)
+        summary = run_sweep(rounds, folder, jobs, engine, progress, choice)
+        choice = replace(choice, retry_failed=False)  # once
+        if decision.stop:
+            return summary._replace(lacking=decision.lacking)
 
 
 @dataclass

@@ -99,14 +99,13 @@ def _arm(path: Path) -> Document:
 
 def _blocks() -> Iterator[tuple[str, Any]]:
     """Yield the examples of README and docs, those that are a part of a scenario completed."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```(?:yaml)?\n((?:name|channel|protocol|duration_s):.*?)```", readme, re.DOTALL)
-    read = [yaml.load(text, _Loader) for text in blocks]
-    whole = next(block for block in read if "duration_s" in block)
-    for number, block in enumerate(read):
-        yield f"README.md, block {number}", {**whole, **block}
-    (faults,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "faults.md").read_text(encoding="utf-8"), re.DOTALL)
-    yield "docs/faults.md", yaml.load(faults, _Loader)
+    for page in ("README.md", "docs/guides/radios.md", "docs/guides/tasks.md", "docs/faults.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        start = r"(?:# [\w.]+\n)?(?:name|channel|protocol|duration_s):"
+        read = [yaml.load(found, _Loader) for found in re.findall(rf"```yaml\n({start}.*?)```", text, re.DOTALL)]
+        whole = next(block for block in read if "duration_s" in block)
+        for number, block in enumerate(read):
+            yield f"{page}, block {number}", {**whole, **block}
 
 
 def _small() -> Iterator[tuple[str, Any]]:

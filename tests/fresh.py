@@ -79,8 +79,10 @@ def commands(block: Block) -> list[str]:
     """Return the commands of *block*, without remarks; none if it holds something else."""
     if block.language not in {*SHELLS, "indented"}:
         return []
-    lines = [without_remark(line) for line in re.sub(r"\s*\\\n\s*", " ", block.text).splitlines()]
-    lines = [line.removeprefix("$ ") for line in lines if line and not line.startswith("#")]
+    lines = re.sub(r"\s*\\\n\s*", " ", block.text).splitlines()
+    if any(line.startswith("$ ") for line in lines):  # the others are what is printed
+        lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+    lines = [line for line in map(without_remark, lines) if line and not line.startswith("#")]
     if block.language == "indented" and not all(program_of(line) in PROGRAMS for line in lines):
         return []
     return lines

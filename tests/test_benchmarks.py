@@ -26,7 +26,7 @@ def test_what_figures_were_meant_to_cost_at_most_stands_beside_what_they_cost():
 
 def test_what_a_user_waits_for_at_most_stands_there_in_seconds():
     bounds = [figure.bound_s for figure in FIGURES if figure.bound_s is not None]
-    assert bounds == [0.2, 1.0, 1.7, 14.0, 14.0, 0.5, 3.0]  # help, validate, run, first runs, set-ups
+    assert bounds == [0.2, 1.0, 1.7, 14.0, 14.0, 83e-6, 200e-6, 0.5, 3.0]  # commands, agent-steps, set-ups
     assert told(1.7, 1.71, " s") == "  at most 1.7 s EXCEEDED"
 
 

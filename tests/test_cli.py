@@ -481,7 +481,9 @@ def test_validate_prints_a_mixed_team_without_the_size_that_follows(cosim: Any):
 
 def test_validate_prints_an_experiment(cosim: Any):
     plain = yaml.safe_load(cosim("validate", "sweep.yaml").out)
-    assert plain["sweep"]["size"] == {"path": "size", "values": [2, 3], "titles": {}}
+    unset = {"low": None, "high": None, "log": False, "titles": {}}
+    assert plain["sweep"]["size"] == {"path": "size", "values": [2, 3]} | unset
+    assert plain["design"] == {"kind": "product", "points": None}
     assert plain["replicates"] == 2
 
 

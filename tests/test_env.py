@@ -17,6 +17,7 @@ from cosim.protocol import Referee
 from cosim.scenario import Scenario, build
 from cosim.simulation import simulate
 from cosim.testing import check_machine
+from cosim.units import S
 from protocols.agents.machine import AgentMachine, Parameters
 from protocols.agents.spec import SPEC
 from protocols.wire import BadBytes
@@ -79,6 +80,21 @@ def test_an_order_that_is_none_becomes_an_event(order: bytes) -> None:
     assert machine.events() == [BadBytes(OPERATOR, len(order))]
     assert machine.commands() == machine.outbox() == []
     assert machine.wake_at() is None
+
+
+def test_who_has_only_heard_a_message_is_not_drained() -> None:
+    author, other = (AgentMachine(Parameters(message_octets=4), 3, me, 0) for me in range(2))
+    author.receive(AgentMachine.order(Drive(0.0, 0.0), b"here"), Reception(OPERATOR, False), 5)
+    author.wake(S)
+    (frame,) = author.outbox()
+    assert other.receive(frame.payload, Reception(0, True), S) is False
+    assert [(each.source, each.payload) for each in other.heard] == [(0, b"here")]
+    other.message_octets = 5
+    author.receive(AgentMachine.order(Drive(0.0, 0.0), b"more"), Reception(OPERATOR, False), S)
+    author.wake(2 * S)
+    (frame,) = author.outbox()
+    assert other.receive(frame.payload, Reception(0, True), 2 * S), "there is an event"
+    assert other.events() == [BadBytes(0, 4)]
 
 
 def test_a_message_that_no_frame_can_hold_is_refused() -> None:

@@ -2,13 +2,17 @@
 
 import ast
 import importlib
+import json
 import re
+import runpy
 import shlex
+import shutil
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -37,7 +41,7 @@ def run(name: str, *sets: str) -> dict[str, float]:
 
 def test_the_examples_are_numbered_from_one() -> None:
     numbers = sorted(int(path.name.split("_")[0]) for path in EXAMPLES.glob("*.yaml"))
-    assert numbers == [1, 2, 3, 4, 5]
+    assert numbers == [1, 2, 3, 4, 5, 6]
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
@@ -88,6 +92,14 @@ def test_both_plays_are_done_though_the_host_fails() -> None:
     assert metrics["refused"] == 0
     assert metrics["successions"] >= 1
     assert metrics["collisions"] == 0
+
+
+def test_robots_on_given_paths_are_taken_for_dead_while_out_of_reach() -> None:
+    metrics = run("6_trajectories")
+    assert metrics["distance_m"] == pytest.approx(110)  # robot 0 stands, 1 goes 35 m and back, 2 four sides of 10 m
+    assert metrics["mistakes"] == 4  # between robot 1 and the others, both ways
+    assert metrics["suspicions_standing"] == 0
+    assert metrics["accuracy"] < 1
 
 
 # ---------------------------------------------------------------- a protocol of one's own
@@ -192,3 +204,47 @@ def test_robots_that_hear_nothing_stay_where_they_are(monkeypatch: pytest.Monkey
     together = importlib.import_module("together")
     told = together.play(["duration_s=5", "channel.loss=1.0"], 1)
     assert told["together_m"] == told["apart_m"]
+
+
+# ---------------------------------------------------------------- a notebook
+
+ANALYSIS = EXAMPLES / "analysis"
+
+
+def cells_of(script: str) -> list[tuple[str, str]]:
+    """Return kind and text of the cells of a script in jupytext's percent format."""
+    cells = []
+    for part in re.split(r"^# %%", script, flags=re.MULTILINE)[1:]:
+        title, _, body = part.partition("\n")
+        text = body.strip()
+        if "markdown" in title:
+            text = re.sub(r"^# ?", "", text.strip('"').strip(), flags=re.MULTILINE)
+            cells.append(("markdown", text))
+        else:
+            cells.append(("code", text))
+    return cells
+
+
+def test_the_notebook_is_the_script() -> None:
+    notebook = json.loads((ANALYSIS / "sizes.ipynb").read_text(encoding="utf-8"))
+    held = [(cell["cell_type"], "".join(cell["source"]).strip()) for cell in notebook["cells"]]
+    plain = [(kind, re.sub(r"^#+ ", "", text)) for kind, text in held]
+    script = cells_of((ANALYSIS / "sizes.py").read_text(encoding="utf-8"))
+    assert [(kind, re.sub(r"^#+ ", "", text)) for kind, text in script] == plain
+
+
+@pytest.mark.slow
+def test_the_notebook_prints_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ANALYSIS, tmp_path / "analysis", ignore=shutil.ignore_patterns("results", "__pycache__"))
+    monkeypatch.chdir(tmp_path / "analysis")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONUNBUFFERED", "1")
+    matplotlib.use("agg")
+    notebook = json.loads(Path("sizes.ipynb").read_text(encoding="utf-8"))
+    outputs = [output for cell in notebook["cells"] for output in cell.get("outputs", ())]
+    shown = "".join("".join(output["text"]) for output in outputs if output["output_type"] == "stream")
+    runpy.run_path("sizes.py")
+    assert capfd.readouterr().out == shown
+    assert Path("results/sizes/cost.png").stat().st_size > 0

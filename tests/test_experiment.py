@@ -372,3 +372,114 @@ def test_titles_that_are_no_texts_by_value_are_refused(folder: Path, titles: Any
     size = {"path": "team.size", "values": [2, 4], "titles": titles}
     with pytest.raises(UserError, match=r"sweep\.size\.titles: .*is not a mapping of values"):
         load_experiment(written(SWEEP | {"sweep": {"size": size}}))
+
+
+# ---------------------------------------------------------------- designs
+
+DRAWN: dict[str, Any] = {
+    "scenario": SCENARIO,
+    "sweep": {
+        "team.size": {"path": "team.size", "low": 2, "high": 8},
+        "delay_s": {"path": "channel.delay_s", "low": 0.001, "high": 1, "log": True},
+        "calls": {"path": "protocol.parameters.calls", "values": [1, 2]},
+    },
+    "design": {"kind": "sobol", "points": 16},
+    "quick": {"points": 4, "replicates": 1},
+}
+
+
+@pytest.mark.parametrize(("kind", "count"), [("sobol", 16), ("latin hypercube", 16), ("saltelli", 80), ("morris", 64)])
+def test_drawn_points_are_arms(kind: str, count: int):
+    experiment = load_experiment(written(DRAWN | {"design": {"kind": kind, "points": 16}}))
+    labels = [arm.labels for arm in experiment.arms]
+    assert len({tuple(each.values()) for each in labels}) == len(labels) <= count
+    rows = list(zip(*(axis.values for axis in experiment.axes), strict=True))
+    assert len(rows) == count  # the axes keep the design: points that fell together are one arm
+    assert {tuple(label for label, _ in row) for row in rows} == {tuple(each.values()) for each in labels}
+    for arm in experiment.arms:
+        assert arm.scenario is not None
+        assert arm.scenario.team.size == arm.labels["size"]
+        assert arm.scenario.channel.delay_s == arm.labels["delay_s"]
+    assert {type(each["size"]) for each in labels} == {int}
+    assert {each["size"] for each in labels} <= set(range(2, 9))
+    assert {each["calls"] for each in labels} == {1, 2}
+    assert min(each["delay_s"] for each in labels) < 0.03  # half of them, evenly by the logarithm
+    assert max(each["delay_s"] for each in labels) <= 1
+
+
+def test_the_same_points_are_drawn_again_and_others_for_another_seed():
+    labels = [arm.labels for arm in load_experiment(written(DRAWN)).arms]
+    assert labels == [arm.labels for arm in load_experiment(written(DRAWN)).arms]
+    assert labels != [arm.labels for arm in load_experiment(written(DRAWN), ["seed=2"]).arms]
+
+
+def test_quick_draws_fewer_points_and_a_set_fixes_an_axis():
+    assert len(load_experiment(written(DRAWN), quick=True).arms) == 4
+    experiment = load_experiment(written(DRAWN), ["size=3"])
+    assert {arm.labels["size"] for arm in experiment.arms} == {3}
+    assert len(experiment.arms) == 16
+
+
+def test_a_whole_number_is_drawn_only_where_the_setting_is_one():
+    sweep = {"duration": {"path": "duration_s", "low": 1, "high": 9}}
+    experiment = load_experiment(written({"scenario": SCENARIO, "sweep": sweep, "design": DRAWN["design"]}))
+    assert len({arm.labels["duration"] for arm in experiment.arms}) == 16
+
+
+@pytest.mark.parametrize(("low", "high", "kind"), [(1, 3, int), (1.0, 3.0, float), (1, 3.5, float)])
+def test_what_has_no_model_is_whole_if_its_bounds_are(low: float, high: float, kind: type):
+    sweep = {"size": {"path": "size", "low": low, "high": high}}
+    plain = {"run": "delays:metrics", "parameters": {"size": 2}, "sweep": sweep, "design": DRAWN["design"]}
+    assert {type(arm.labels["size"]) for arm in load_experiment(written(plain)).arms} == {kind}
+
+
+def test_one_at_a_time_varies_each_axis_beside_the_first_values():
+    sweep = SWEEP["sweep"] | {"protocol.parameters.calls": [1, 2, 3]}
+    experiment = load_experiment(written(SWEEP | {"sweep": sweep, "design": "one at a time"}))
+    assert [tuple(arm.labels.values()) for arm in experiment.arms] == [
+        (2, "near", 1),
+        (4, "near", 1),
+        (2, "far", 1),
+        (2, "near", 2),
+        (2, "near", 3),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"design": {"kind": "sobol", "points": 48}},
+            "design.points: 48 is not a power of two, and sobol loses its balance: expected 32 or 64",
+        ),
+        ({"design": {"kind": "saltelli", "points": 3}}, "expected 2 or 4"),
+        ({"design": "sobol"}, "sobol: expected points, how many to draw"),
+        ({"design": {"kind": "product", "points": 3}}, "design.points: 3 is not for product, which takes all values"),
+        ({"design": "hypercube"}, "design.kind: 'hypercube'"),
+        ({"design": "product"}, "sweep.size: low and high are for a design that draws, not product"),
+        ({"sweep": {}}, "design: 'sobol' expected a sweep, of axes to draw from"),
+        ({"sweep": {"team.size": {"path": "team.size", "low": 2}}}, "expected either values, or low and high"),
+        ({"sweep": {"team.size": {"path": "team.size"}}}, "expected either values, or low and high"),
+        (
+            {"sweep": {"team.size": {"path": "team.size", "low": 2, "high": 3, "values": [2]}}},
+            "expected either values, or low and high",
+        ),
+        ({"sweep": {"team.size": {"path": "team.size", "low": 4, "high": 2}}}, "high: 2 is not > 4, which is low"),
+        (
+            {"sweep": {"team.size": {"path": "team.size", "low": 0, "high": 2, "log": True}}},
+            "low: 0 is not > 0, and has no logarithm",
+        ),
+        ({"sweep": {"team.size": {"low": 2, "high": 4}}}, "path, of one setting"),
+        ({"quick": {"points": 3}}, ""),
+    ],
+)
+def test_what_is_wrong_with_a_design_is_told(changes: dict[str, Any], told: str):
+    if told:
+        assert told in complaint(DRAWN | changes)
+    else:
+        assert "quick: points: 3 is not a power of two" in complaint(DRAWN | changes, quick=True)
+
+
+def test_a_drawn_arm_that_no_run_could_have_is_told():
+    sweep = DRAWN["sweep"] | {"delay_s": {"path": "channel.delay_s", "low": -1.0, "high": 1.0}}
+    assert "with channel.delay_s=-" in complaint(DRAWN | {"sweep": sweep})

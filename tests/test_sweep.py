@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from cosim.errors import UserError
 from cosim.experiment import Experiment, load_experiment
 from cosim.processes import NO_LIMITS
 from cosim.results import RunStore
-from cosim.sweep import Choice, Execution, run_sweep
+from cosim.statistics.intervals import student
+from cosim.statistics.stopping import looks
+from cosim.sweep import Choice, Execution, Shard, run_sweep, run_until
 from tests.checkout import DATA
 
 ROBOTS: dict[str, Any] = {
@@ -393,3 +396,64 @@ def test_an_address_where_no_scheduler_answers_is_told(monkeypatch: pytest.Monke
         told = f"^--dask {address}: no Dask scheduler answers there: "
         with pytest.raises(UserError, match=told), on_cluster(address):
             pass
+
+
+# ---------------------------------------------------------------- until means are precise
+
+
+NOISY = """
+from cosim.experiment import experiment_function
+
+
+@experiment_function
+def metrics(parameters, seed):
+    return {"delay_s": 1 + parameters["spread"] * (seed * 7919 % 101 / 101 - 0.5), "rounds": 1}
+"""
+
+
+def noisy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spread: float, most: int) -> Experiment:
+    (tmp_path / "noisy.py").write_text(NOISY)
+    monkeypatch.delitem(sys.modules, "noisy", raising=False)
+    plain = {"run": "noisy:metrics", "parameters": {"spread": 0.0}, "sweep": {"spread": [0.1, spread]}}
+    return experiment(plain | {"name": "noisy", "replicates": most})
+
+
+def test_a_sweep_ends_when_all_means_are_precise_and_not_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    asked = noisy(tmp_path, monkeypatch, 1.0, 300)
+    summary = run_until(asked, tmp_path / "r", {"delay_s": 0.05}, jobs=1)
+    table = rows(tmp_path / "r")
+    count = len(table) // 2
+    assert 10 < count < 300
+    assert (summary.runs, summary.lacking) == (2 * count, 0)
+
+    def precise(number: int) -> bool:
+        values = table[table["spread"] == 1.0]["delay_s"].head(number)
+        half = student(number - 1) * values.std() / number**0.5
+        return bool(half / values.mean() <= 0.05 / 1.05)
+
+    assert precise(count)
+    assert not any(precise(each) for each in looks(10, 300) if each < count)
+
+
+def test_a_resumed_sweep_ends_at_the_same_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    asked = noisy(tmp_path, monkeypatch, 1.0, 300)
+    run_until(asked, tmp_path / "once", {"delay_s": 0.05}, jobs=1)
+
+    def interrupt(done: int, total: int, failed: int) -> None:
+        if done == 25:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_until(asked, tmp_path / "r", {"delay_s": 0.05}, jobs=1, progress=interrupt)
+    run_sweep(replace(asked, replicates=200), tmp_path / "r", jobs=1)  # more than will be needed
+    run_until(asked, tmp_path / "r", {"delay_s": 0.05}, jobs=1)
+    pd.testing.assert_frame_equal(rows(tmp_path / "r"), rows(tmp_path / "once"))
+
+
+def test_a_sweep_that_may_not_have_enough_replicates_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    summary = run_until(noisy(tmp_path, monkeypatch, 1.0, 12), tmp_path / "r", {"delay_s": 0.001}, jobs=1)
+    assert (summary.runs, summary.lacking) == (24, 2)
+    with pytest.raises(UserError, match=r"^--until-ci: no run has a value of nothing$"):
+        run_until(noisy(tmp_path, monkeypatch, 1.0, 12), tmp_path / "r", {"nothing": 0.1}, jobs=1)
+    with pytest.raises(UserError, match=r"--until-ci looks at all runs$"):
+        run_until(noisy(tmp_path, monkeypatch, 1.0, 12), tmp_path / "r", {}, choice=Choice(Shard(1, 2)))

@@ -22,7 +22,7 @@ Arrival: TypeAlias = tuple[Address, bytes, Reception]
 """(receiver, payload, how it arrived)"""
 WHY_UNSENT: Final = {
     Outcome.NO_LINK: "not in reach, or no link; over Bluetooth links are made by Inquire, Page and Scan, and a slave "
-    'has one to its master only (CONTRIBUTING.md, "Over Bluetooth")',
+    'has one to its master only (docs/guides/protocol.md, "Over Bluetooth")',
     Outcome.NO_ROUTE: "no route to the receiver",
     Outcome.TOO_LONG: "longer than any packet in use: send less at once",
     Outcome.QUEUE_FULL: "no room in the sender's device: send less often, or wait for the Fate of a token",

@@ -143,7 +143,7 @@ class Faults:
         start = span[0]
         match fault:
             case KillSettings(robot=robot):
-                return ((start, partial(self._kill, robot)),)
+                return ((start, partial(self.kill, robot)),)
             case ClockStepSettings(robot=robot):
                 return ((start, partial(self._step_clock, robot, from_seconds(fault.by_s))),)
             case MovedSettings():
@@ -177,7 +177,8 @@ class Faults:
 
     # ------------------------------------------------------------ hosts
 
-    def _kill(self, robot: Address) -> None:
+    def kill(self, robot: Address) -> None:
+        """Have *robot* die now, for ever."""
         if robot in self._dead:
             return
         self.killed += 1
@@ -303,7 +304,7 @@ class Faults:
         battery.drive(self._fleet.way_m(robot))
         if battery.empty and robot not in self._dead:
             self._note(robot, BatteryEmpty())
-            self._kill(robot)
+            self.kill(robot)
 
 
 class Battery:

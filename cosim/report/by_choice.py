@@ -21,9 +21,10 @@ from cosim.errors import UserError
 from cosim.experiment import experiment_folders
 from cosim.report.claims import judge, published_claims
 from cosim.report.figures_module import load_figures
+from cosim.report.saving import save
 from cosim.results import RunStore
 
-COLOURS: Final = {"holds": "C0", "fails": "C1", "open": "0.8"}
+COLOURS: Final = {"holds": "C0", "fails": "C1", "open": "0.8", "not comparable": "0.9"}
 """Colours of the verdicts that are drawn."""
 
 
@@ -57,9 +58,9 @@ def draw_verdicts(found: pd.DataFrame, folder: Path) -> list[Path]:
     plot.set_yticks(range(found.shape[0]), [name.replace("_", " ") for name in found.index], fontsize="small")
     plot.set_xlim(-0.6, found.shape[1] - 0.4)
     plot.set_ylim(found.shape[0] - 0.4, -0.6)
-    figure.legend(*plot.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize="small")
+    figure.legend(*plot.get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize="small")
     path = folder / "claims_by_choice.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

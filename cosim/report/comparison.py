@@ -29,7 +29,7 @@ from scipy import stats
 
 from cosim.arrays import Floats
 from cosim.randomness import Streams
-from cosim.report.estimates import CONFIDENCE
+from cosim.statistics.intervals import CONFIDENCE
 
 Answer: TypeAlias = tuple[str, bool | None]
 Label: TypeAlias = str | int | float

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -13,6 +12,8 @@ from matplotlib.figure import Figure
 from cosim.arrays import Floats
 from cosim.report.comparison import Label
 from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate
 from cosim.trace import POSES, Trace
 
 Named: TypeAlias = tuple[str, Mapping[Any, str]]
@@ -22,6 +23,8 @@ OFFSET = 0.06
 """Distance between the points of neighbouring lines, in steps of the axis."""
 MOST_LABELS = 4
 """Largest number of names that stand side by side below a figure; more are turned upright."""
+MOST_TICKS = 20
+"""Largest number of values of an axis that have ticks and are joined by a line; more are those of a design."""
 BAND = (25, 75)
 """Percentiles of the band about a median over time."""
 INSTANTS = 200
@@ -52,7 +55,7 @@ def draw(
             lines[label] = _line(plot, arm, along, metric, colours[label])
         plot.set(title=f"{panel} {value!s}" if panel else "", xlabel=along or "")
         plot.grid(alpha=0.3)
-        if along in numeric:
+        if along in numeric and frame[along].nunique() <= MOST_TICKS:
             plot.set_xticks(sorted(frame[along].unique()))
         elif along and frame[along].nunique() > MOST_LABELS:
             plot.tick_params(axis="x", labelrotation=90)
@@ -63,9 +66,7 @@ def draw(
         handles = [lines[label] for label in colours]
         plots[-1].legend(handles, list(colours), fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     path = folder / f"{metric}.png"
-    with mpl.rc_context({"savefig.dpi": 120}):
-        figure.savefig(path)
-    return path
+    return save(figure, path)
 
 
 def _arms(frame: pd.DataFrame, others: Sequence[str]) -> dict[str, pd.DataFrame]:
@@ -78,8 +79,15 @@ def _line(plot: Any, frame: pd.DataFrame, along: str | None, metric: str, colour
     points = estimates(frame, [along] if along else [], [metric])
     places = points[along].tolist() if along else [0.0]
     means = [value.mean for value in points[metric]]
-    halves = [0.0 if math.isnan(value.half) else value.half for value in points[metric]]
-    return plot.errorbar(places, means, yerr=halves, marker="o", capsize=3, color=colour)
+    style = {"linestyle": "none"} if len(places) > MOST_TICKS else {}
+    return plot.errorbar(places, means, yerr=_bars(points[metric]), marker="o", capsize=3, color=colour, **style)
+
+
+def _bars(found: Iterable[Estimate]) -> Floats:
+    """Return how far the intervals of *found* reach below and above the means (2, n), 0 where there is none."""
+    ends = [(max(each.mean - each.low, 0.0), max(each.high - each.mean, 0.0)) for each in found]
+    bars: Floats = np.nan_to_num(np.array(ends).reshape(-1, 2).T)
+    return bars
 
 
 def draw_panels(
@@ -107,7 +115,7 @@ def draw_panels(
             plot.errorbar(
                 [list(at).index(each) + offset for each in points.index],
                 [each.mean for each in points[column]],
-                yerr=np.nan_to_num([each.half for each in points[column]]),
+                yerr=_bars(points[column]),
                 marker="o",
                 linestyle="none" if text else "-",
                 capsize=3,
@@ -120,7 +128,7 @@ def draw_panels(
     plots[0].set_ylim(bottom=0)  # of all panels, once all is drawn: it fixes the upper end as well
     plots[0].set_ylabel(label)
     legend_outside(figure, plots)
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 
@@ -168,7 +176,7 @@ def draw_shares(
     for plot in plots[-1]:
         plot.set_xlabel("time, s")
     legend_outside(figure, plots.flat)
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

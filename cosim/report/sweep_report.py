@@ -11,11 +11,13 @@ from typing import Any
 
 import pandas as pd
 
-from cosim.report.claims import Verdict, judge, published_claims, source_folder
+from cosim.report.claims import Claim, Verdict, chance, judge, published_claims, source_folder
 from cosim.report.drawing import draw
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.figures_module import call, load_figures
-from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
+from cosim.report.sensitivity import design_rows
+from cosim.results import FIXED, OBSERVATION_FIXED, RunStore, SweepDescription
+from cosim.statistics.intervals import Estimate
 
 
 @dataclass
@@ -24,9 +26,12 @@ class Report:
 
     name: str
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    claims: list[Claim] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
+    """Of the claims, in their order."""
     figures: list[Path] = field(default_factory=list)
     failures: int = 0
+    sweep: SweepDescription | None = None
 
     def text(self) -> str:
         """Return the report for a terminal."""
@@ -35,6 +40,8 @@ class Report:
             parts.append(
                 "\n".join([f"{self.name}, ours beside the published", *(verdict.text() for verdict in self.verdicts)])
             )
+            expected = chance(self.verdicts)
+            parts += [expected.text()] if expected else []
         if self.failures:
             parts.append(f"{self.failures} runs failed; the column error of the table runs says why")
         parts += ["\n".join(f"figure: {path}" for path in self.figures)] if self.figures else []
@@ -42,10 +49,12 @@ class Report:
 
     def plain(self) -> dict[str, Any]:
         """Return the report as plain data."""
+        expected = chance(self.verdicts)
         return {
             "experiment": self.name,
             "tables": {title: table.astype(str).to_dict("records") for title, table in self.tables.items()},
             "published": [verdict._asdict() for verdict in self.verdicts],
+            "chance": expected._asdict() if expected else None,
             "figures": [str(path) for path in self.figures],
             "failures": self.failures,
         }
@@ -64,8 +73,9 @@ def report(folder: Path) -> Report:
     name = sweep.experiment
     source = source_folder(sweep)
     figures = load_figures(source)
-    verdicts = [judge(claim, good, seen, figures) for claim in published_claims(source)]
-    made = Report(name, {}, verdicts, failures=len(runs) - len(good))
+    claims = published_claims(source)
+    verdicts = [judge(claim, good, seen, figures) for claim in claims]
+    made = Report(name, {}, claims, verdicts, failures=len(runs) - len(good), sweep=sweep)
     for title, frame, fixed in ((f"{name}, runs", good, FIXED), (f"{name}, observations", seen, OBSERVATION_FIXED)):
         metrics = _metrics(frame, axes, [each.name for each in fixed], sweep.report.metrics)
         if metrics:
@@ -75,7 +85,8 @@ def report(folder: Path) -> Report:
             drawn = [metric for metric in sweep.report.figures if metric in metrics] or metrics
             x, panel = sweep.report.x, sweep.report.panel
             known = [metric for metric in drawn if frame[metric].notna().any()]
-            made.figures += [draw(frame, axes, metric, x, folder, panel) for metric in known]
+            shown = [x if x in axes else axes[0]] if design_rows(sweep) else axes  # a line for each arm shows nothing
+            made.figures += [draw(frame, shown, metric, x, folder, panel) for metric in known]
     if hasattr(figures, "tables"):
         made.tables |= call(figures, "tables", good, seen)
     if hasattr(figures, "draw"):

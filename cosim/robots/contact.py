@@ -14,7 +14,7 @@ import numpy as np
 from cosim.arrays import Floats, Int32s, Int64s
 from cosim.geometry.segments import SegmentGrid, cells_near, free_fraction, unpacked
 from cosim.jit import njit
-from cosim.robots.table import DX, DY, PART, RADIUS, ROOM, X, Y
+from cosim.robots.table import DX, DY, GUIDED, PART, RADIUS, ROOM, X, Y
 
 ROUNDS: Final = 100
 WALL_SLACK_M: Final = 1e-7
@@ -37,13 +37,13 @@ FEW: Final = 16
 def cut(table: Floats, pairs: Int64s, wall_numbers: Floats, wall_members: Int32s) -> None:
     """Write to the row PART which fraction, 0 to 1, of its way (DX, DY) each disc can go; see ``table``.
 
-    Discs that do not overlap before do not overlap at any time of the tick. *pairs* are all, or at least those of
-    :func:`pairs_near`. The walls come from :func:`packed_walls`.
+    Discs that do not overlap before do not overlap at any time of the tick; but guided ones are not cut, and may enter
+    others. *pairs* are all, or at least those of :func:`pairs_near`. The walls come from :func:`packed_walls`.
     """
     for i in range(table.shape[1]):
         table[PART, i] = 1.0
         dx, dy = table[DX, i], table[DY, i]
-        if dx != 0.0 or dy != 0.0:
+        if (dx != 0.0 or dy != 0.0) and not table[GUIDED, i]:
             way = math.sqrt(dx * dx + dy * dy)
             if table[ROOM, i] >= table[RADIUS, i] + way:
                 table[ROOM, i] -= way
@@ -98,14 +98,16 @@ def _keep_apart(table: Floats, pairs: Int64s) -> None:
 
 @njit(cache=True, borrows=True)
 def _part(table: Floats, i: int, j: int, at_once: bool) -> bool:
-    """Cut the ways of two discs of which one enters the other, to nothing if *at_once*; return whether one does."""
+    """Cut the ways of two discs of which one enters the other, to nothing if *at_once*; return whether one was cut."""
     rx, ry, reach = table[X, i] - table[X, j], table[Y, i] - table[Y, j], table[RADIUS, i] + table[RADIUS, j]
     ix, iy = table[PART, i] * table[DX, i], table[PART, i] * table[DY, i]
     jx, jy = table[PART, j] * table[DX, j], table[PART, j] * table[DY, j]
     if not _enters(rx, ry, ix - jx, iy - jy, reach - BODY_SLACK_M):
         return False
-    cut_i = table[PART, i] * (rx * table[DX, i] + ry * table[DY, i]) < 0.0
-    cut_j = table[PART, j] * (rx * table[DX, j] + ry * table[DY, j]) > 0.0
+    cut_i = not table[GUIDED, i] and table[PART, i] * (rx * table[DX, i] + ry * table[DY, i]) < 0.0
+    cut_j = not table[GUIDED, j] and table[PART, j] * (rx * table[DX, j] + ry * table[DY, j]) > 0.0
+    if not (cut_i or cut_j):  # a guided disc enters one that does not come towards it
+        return False
     kept = 0.0 if at_once else _kept(rx, ry, ix, iy, jx, jy, reach, cut_i, cut_j)
     if cut_i:
         table[PART, i] *= kept

@@ -41,6 +41,7 @@ from cosim.robots.table import (
     GOAL_X,
     GOAL_Y,
     GOING,
+    GUIDED,
     HEADING,
     LANDING,
     MOST_TURN,
@@ -64,6 +65,7 @@ from cosim.robots.table import (
     X,
     Y,
 )
+from cosim.robots.trajectories import Paths, turned
 from cosim.units import Time, to_seconds
 
 Pose: TypeAlias = tuple[float, float, float]
@@ -105,8 +107,12 @@ class Fleet:
         tick: Time,
         start: Time = 0,
         headings_rad: npt.ArrayLike = 0.0,
+        paths: Paths | None = None,
     ) -> None:
-        """Place *bodies* at *starts_m*, shape (n, 2), which must be free (see ``placement``)."""
+        """Place *bodies* at *starts_m*, shape (n, 2), which must be free (see ``placement``).
+
+        Those that have *paths* follow them, whatever they are told and whatever is in their way.
+        """
         count = len(bodies)
         starts = np.asarray(starts_m, dtype=np.float64).reshape(count, 2)
         self.tick = tick
@@ -126,6 +132,11 @@ class Fleet:
         self.y_m: Floats = self._table[Y]
         self._positions, self._spare = starts.copy(), starts.copy()
         self._pairs = all_pairs(count) if count <= FEW else None
+        self._paths = paths
+        if paths is not None:
+            self._table[GUIDED, paths.bodies] = 1.0
+            self._guide(paths, start)
+            self._arrive(paths, start + tick)
 
     def __len__(self) -> int:
         return self._table.shape[1]
@@ -156,13 +167,34 @@ class Fleet:
         """
         self._positions, self._spare = self._spare, self._positions
         gone: float
-        if self._pairs is not None:
+        if self._paths is not None:
+            now, pairs = self.time + self.tick, self._pairs
+            gone = _choose(self._table, self._positions)
+            self._guide(self._paths, now)
+            pairs = pairs_near(self._table) if pairs is None else pairs
+            _end(self._table, pairs, self._wall_numbers, self._wall_members)
+            self._arrive(self._paths, now + self.tick)
+        elif self._pairs is not None:
             gone = _step(self._table, self._positions, self._pairs, self._wall_numbers, self._wall_members)
         else:
             gone = _choose(self._table, self._positions)
             _end(self._table, pairs_near(self._table), self._wall_numbers, self._wall_members)
         self.time += self.tick
         return gone
+
+    def _guide(self, paths: Paths, now: Time) -> None:
+        """Have the bodies that follow *paths* go, from *now* to the next tick, to where they are then."""
+        table, bodies = self._table, paths.bodies
+        x, y, heading = paths.at(now)
+        next_x, next_y, next_heading = paths.at(now + self.tick)
+        table[HEADING, bodies], table[TURN, bodies] = heading, turned(next_heading - heading)
+        table[DX, bodies], table[DY, bodies] = next_x - x, next_y - y
+        table[WAY, bodies] = elementary.hypots(next_x - x, next_y - y)
+        table[LANDING, bodies] = 0.0
+
+    def _arrive(self, paths: Paths, then: Time) -> None:
+        """Write where the bodies that follow *paths* are at the next tick, *then*: exactly there."""
+        self._table[NEXT_X, paths.bodies], self._table[NEXT_Y, paths.bodies], _ = paths.at(then)
 
     def pose_at(self, body: int, time: Time) -> Pose:
         """Return the pose of *body* at *time* (ns), at constant velocity since the last tick.
@@ -206,8 +238,8 @@ class Fleet:
         return math.hypot(own[NEXT_X] - own[X], own[NEXT_Y] - own[Y])
 
     def rests(self, body: int) -> bool:
-        """Return whether *body* stays where it is until the next tick."""
-        return bool(self._table[WAY, body] == 0.0)
+        """Return whether *body* stays where it is until the next tick, or follows a path: it does not go by itself."""
+        return bool(self._table[WAY, body] == 0.0 or self._table[GUIDED, body])
 
     @property
     def positions_m(self) -> Floats:

@@ -1,6 +1,6 @@
 """Where robots start: places that are checked before anything moves."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -16,17 +16,23 @@ Point: TypeAlias = tuple[float, float]
 
 
 def checked_starts(
-    starts_m: Sequence[Point], radii_m: Sequence[float], floorplan: Floorplan, giver: str = "team.starts"
+    starts_m: Sequence[Point],
+    radii_m: Sequence[float],
+    floorplan: Floorplan,
+    giver: str = "team.starts",
+    guided: Collection[int] = (),
 ) -> Floats:
     """Return *starts_m*, which *giver* has given, as an array (n, 2) if bodies of *radii_m* fit there, all at once.
 
     Raise UserError that names the first start which is off the floor, in something solid, too near to a wall, or
-    too near to an earlier start. To touch is allowed.
+    too near to an earlier start. To touch is allowed. *guided* robots may be anywhere: they follow paths.
     """
     starts = np.array(starts_m, dtype=np.float64).reshape(-1, 2)
     radii = np.array(radii_m, dtype=np.float64)[: len(starts)]
     suspects = _suspects(starts, radii, floorplan)
     for number, (x, y) in enumerate(starts.tolist()):
+        if number in guided:
+            continue
         place = f"{giver}[{number}]: ({x:g}, {y:g})"
         wrong = misfit((x, y), radii_m[number], floorplan) if suspects[number] else None
         if wrong is not None:

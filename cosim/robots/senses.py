@@ -25,7 +25,7 @@ import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.segments import PackedWalls
 from cosim.machine import Command, GoTo
-from cosim.observation import Observation
+from cosim.observation import Observation, View
 from cosim.randomness import Streams
 from cosim.robots.motion import Carry, Fleet, observations
 from cosim.robots.pictures import Cameras, pictures
@@ -142,6 +142,20 @@ class Senses:
         self._scanner.begin(self._ticks)
         self._ticks += 1
         return observations(self._told, self._pictures, self._views)
+
+    @property
+    def poses(self) -> Floats:
+        """All that the sensors know of where robots are at this tick: for :meth:`view_from`."""
+        return self._poses
+
+    def view_from(self, robot: int, poses: Floats, tick: int) -> View:
+        """Return where *robot* looks from if all robots are where the *poses* of such senses at a *tick* say.
+
+        For a process that has these senses as they were in the beginning.
+        """
+        self._poses[:] = poses
+        self._scanner.begin(tick)
+        return self._views[robot]
 
     def _show(self, seen: Cameras) -> None:
         self._seen = seen

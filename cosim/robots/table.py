@@ -37,4 +37,5 @@ TURNS_FIRST: Final = 26
 SECONDS: Final = 27  # of a tick
 ANY_WAY: Final = 28  # it may change its direction as it drives
 FROZEN: Final = 29  # it brakes, then stands, whatever it was told
-ROWS: Final = 30
+GUIDED: Final = 30  # it follows a path, whatever is in its way
+ROWS: Final = 31

@@ -4,7 +4,7 @@ Each robot publishes a status once a period: when it was booted, and how many st
 detector watches every robot that has been heard. The living robot of the lowest address leads; each robot decides that
 by itself, and a referee, which knows which robots are dead, notes since when all living robots agree.
 
-CONTRIBUTING.md walks through this file; ``election.yaml`` beside it is a scenario.
+docs/guides/protocol.md walks through this file; ``election.yaml`` beside it is a scenario.
 """
 
 import math

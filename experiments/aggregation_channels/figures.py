@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from cosim.experiment import axis_titles
 from cosim.report.comparison import Answer, Arm, less, mostly
 from cosim.report.estimates import estimates
+from cosim.report.saving import save
 
 TIME: Final = "search_time_min"
 """A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
@@ -106,7 +107,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     handles, labels = plots[0].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize="small", loc="outside right center")
     path = folder / "costs_by_network.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

@@ -29,7 +29,9 @@ from cosim.report.comparison import (
     share_text,
     slopes,
 )
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 
 TIME: Final = "search_time_min"
 """A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
@@ -189,7 +191,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     plot.grid(alpha=0.3)
     plot.legend(fontsize="small")
     path = folder / "search_time_by_distribution.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

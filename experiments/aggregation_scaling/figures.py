@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from cosim.experiment import axis_titles
 from cosim.report.comparison import NO_DATA, Answer, Arm, Limits, confidence_limits, less, mostly, paired, slopes
 from cosim.report.estimates import estimates
+from cosim.report.saving import save
 
 TIME: Final = "search_time_min"
 """A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
@@ -127,7 +128,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     plots[0].set_ylabel("search time, min")
     plots[-1].legend(fontsize="small")
     path = folder / "search_time_by_side.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

@@ -27,7 +27,9 @@ from cosim.report.comparison import (
     paired,
     spread_of_means,
 )
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 
 TIME: Final = "search_time_min"
 """A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
@@ -203,7 +205,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3, axis="y")
     figure.legend(fontsize="small", loc="outside right center")
     path = folder / "search_time_by_case.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

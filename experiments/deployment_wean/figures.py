@@ -6,7 +6,7 @@ from typing import Final
 import pandas as pd
 
 from cosim.report.comparison import NO_DATA, Answer, by_replicate, mostly
-from cosim.report.estimates import estimate
+from cosim.statistics.intervals import estimate
 
 IN_TIME: Final = 0.9
 """Share of the runs that must end deployed for a strategy to count as robust."""

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from cosim.experiment import axis_titles
 from cosim.report.comparison import NO_DATA, Answer, Arm, Pair, above, by_replicate, less_censored, mostly, never
 from cosim.report.drawing import legend_outside
+from cosim.report.saving import save
 from experiments.exploration_localization.mapping import TIMES_S
 
 TIME: Final = "until_95_s"
@@ -147,7 +148,7 @@ def _saved(figure: Figure, plots: Sequence[Axes], label: str, path: Path) -> Pat
     for plot in plots:
         plot.grid(alpha=0.3)
     legend_outside(figure, plots)
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return path
 
 

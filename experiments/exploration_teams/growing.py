@@ -18,6 +18,7 @@ from cosim.arrays import Bytes, Floats
 from cosim.experiment import load_experiment
 from cosim.geometry.marking import states
 from cosim.report.drawing import tracks
+from cosim.report.saving import save
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES
@@ -112,7 +113,7 @@ def draw_growth(run: Exploration, path: Path) -> None:
         plot.set_xlabel("m")
     plots[0].set_ylabel("m")
     figure.legend(*plots[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(run.ways))
-    figure.savefig(path, dpi=120)
+    save(figure, path)
 
 
 def draw_ways(run: Exploration, path: Path) -> None:
@@ -128,7 +129,7 @@ def draw_ways(run: Exploration, path: Path) -> None:
     plot.set(xlabel="m", ylabel="m", aspect="equal")
     plot.set_title(f"ways of {len(run.ways)} robots until {100 * last.coverage:.0f} % had been seen")
     plot.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    figure.savefig(path, dpi=120)
+    save(figure, path)
 
 
 def _way(plot: Any, robot: int, way: Floats) -> None:

@@ -13,7 +13,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
-from cosim.report.estimates import CONFIDENCE, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import CONFIDENCE
 from experiments.failure_detection.theory import nfd_s
 
 Answer = tuple[str, bool | None]
@@ -157,7 +159,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plots[0].set_ylabel("mistakes an hour")
         plots[-1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
         made.append(folder / f"{name}.png")
-        figure.savefig(made[-1], dpi=120)
+        save(figure, made[-1])
     return made
 
 

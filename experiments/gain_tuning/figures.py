@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report.comparison import Answer, Pair, less, less_censored
+from cosim.report.saving import save
 from experiments.gain_tuning.tuning import EVALUATION, GAINS, SEARCH, TRIAL, TUNED
 
 TIME: Final = "until_95_s"
@@ -59,5 +60,5 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     plot.grid(alpha=0.3)
     plot.legend(fontsize="small")
     path = folder / "search.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]

@@ -7,7 +7,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate
 
 Answer = tuple[str, bool | None]
 
@@ -76,7 +78,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         _distributions(plot, observations[observations["scan_interval_s"] == interval], interval)
     _tail(tail, observations)
     path = folder / "discovery_time_distribution.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

@@ -10,7 +10,9 @@ from matplotlib.figure import Figure
 
 from cosim.channels.bluetooth.bits.errors import throughput_kbps
 from cosim.channels.bluetooth.packets import ACL
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate
 
 Answer = tuple[str, bool | None]
 
@@ -115,7 +117,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3)
     rates.legend(fontsize="small")
     path = folder / "throughput.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report.estimates import estimates
+from cosim.report.saving import save
 
 Answer = tuple[str, bool | None]
 
@@ -32,14 +33,6 @@ def unanswered(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     return ", ".join(f"{mode} {estimate} {share}" for mode, estimate, share in shares if share.mean) or "none", None
 
 
-def command_to_slot(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Return the mean time from the command to the pager's first transmit slot, in ms."""
-    if observations.empty or not set(observations) >= NEEDED:
-        return "-", None
-    waits = 1000 * (observations["page_time_from_command_s"] - observations["page_time_s"])
-    return str(estimates(observations.assign(wait_ms=waits), [], ["wait_ms"])["wait_ms"][0]), None
-
-
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw the distribution functions, a panel a mode, with the published means."""
     if observations.empty or not set(observations) >= NEEDED:
@@ -49,7 +42,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     for plot, (mode, rows) in zip(figure.subplots(1, len(parts), squeeze=False)[0], parts, strict=True):
         _distributions(plot, rows, str(mode))
     path = folder / "page_time_distribution.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

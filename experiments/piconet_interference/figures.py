@@ -9,7 +9,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
-from cosim.report.estimates import Estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate
 
 Answer = tuple[str, bool | None]
 
@@ -120,7 +122,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         title="N = 2: each run is another pair of addresses", xlabel="share of frames that survive", ylabel="runs"
     )
     path = folder / "survival_of_frames.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

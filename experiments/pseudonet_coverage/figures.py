@@ -8,6 +8,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
+from cosim.report.saving import save
+
 SLOT_MS = 0.625
 PAIRED = ["algorithm", "team_size", "floor", "replicate"]
 COSTS = ["time_to_cover_s", "coverage", "steps", "radio_wait_s", "setup_s"]
@@ -84,7 +86,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3)
     right.legend(fontsize="small")
     path = folder / "what_bluetooth_costs.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

@@ -7,7 +7,9 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report.estimates import Estimate, estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import Estimate, estimate
 
 TIMES = {"coverage": "time_to_cover_s", "gathering": "time_to_gather_s"}
 EQUALS = "alike"
@@ -67,7 +69,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3)
         plot.legend(fontsize="small")
     path = folder / "time_of_mixed_teams.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

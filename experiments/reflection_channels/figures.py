@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 
 from cosim.report.comparison import NO_DATA, Answer, Arm, confidence_limits, saves, saving, saving_text
 from cosim.report.drawing import limit_ordinate
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 from experiments.reflection.tables import ALGORITHMS, FLOORS, NAMES, SIZES, STEPS, cells
 
 AT_ONCE: Final = "at once, 0.1 s"
@@ -125,7 +127,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     handles, labels = plots[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize="small", loc="outside lower center", ncols=4)
     path = folder / "cost_by_link.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 
 from cosim.report.comparison import NO_DATA, Answer, Arm, by_replicate, confidence_limits, saves, saving, saving_text
 from cosim.report.drawing import legend_outside, limit_ordinate
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 from experiments.reflection.tables import ALGORITHMS, FLOORS, NAMES, SIZES, STEPS, cells, with_steps
 
 ERRORS: Final = ("0", "0.1", "0.2", "0.3", "0.4")
@@ -109,7 +111,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3)
     legend_outside(figure, plots)
     path = folder / "steps_by_error.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

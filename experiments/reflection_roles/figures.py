@@ -15,7 +15,9 @@ from matplotlib.figure import Figure
 from cosim.experiment import axis_titles
 from cosim.report.comparison import Answer, Arm, confidence_limits, saves, saving, saving_text
 from cosim.report.drawing import legend_outside, limit_ordinate
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
 
 STEPS: Final = "steps"
 ALGORITHMS: Final = axis_titles(Path(__file__).parent)["algorithm"]
@@ -90,7 +92,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3)
     legend_outside(figure, plots)
     path = folder / "steps_by_roles.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

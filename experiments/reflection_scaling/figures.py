@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from cosim.report.comparison import NO_DATA, Answer
 from cosim.report.estimates import estimates
+from cosim.report.saving import save
 from protocols.reflection.frames import Frame, encode
 
 HALL: Final = "all explore a hall"
@@ -83,5 +84,5 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3)
         plot.legend(fontsize="small")
     path = folder / "bytes_by_team.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from cosim.report.by_choice import draw_verdicts
 from cosim.report.claims import judge, published_claims
 from cosim.report.comparison import Arm, by_replicate, confidence_limits, saving
+from cosim.report.saving import save
 from cosim.results import RunStore
 from experiments.reflection.tables import ALGORITHMS, FLOORS, LEAST, NAMES, SIZES, STEPS, cells
 
@@ -186,7 +187,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.set_xlabel("% of the steps saved by four robots")
     plots[0][0].set_xlim(-105, 105)  # the limits of few sets may lie far outside
     path = folder / "savings_by_choice.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

@@ -27,8 +27,10 @@ from cosim.report.comparison import (
     saving_text,
 )
 from cosim.report.drawing import legend_outside
-from cosim.report.estimates import estimate, estimates
-from experiments.reflection.tables import ALGORITHMS, CELL, FLOORS, LEAST, NAMES, SIZES, STEPS, cells, with_steps
+from cosim.report.estimates import estimates
+from cosim.report.saving import save
+from cosim.statistics.intervals import estimate
+from experiments.reflection.tables import ALGORITHMS, FLOORS, LEAST, NAMES, SIZES, STEPS, cells, with_steps
 
 ALIKE: Final = 1.3
 """Algorithms are alike if their steps differ by less than this factor: the curves that the paper calls very similar
@@ -42,12 +44,6 @@ def _arm(floor: str, algorithm: str, robots: int) -> Arm:
 
 
 # ---------------------------------------------------------------- claims
-
-
-def cell(floor: str, algorithm: str, robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Return our number for a printed cell; floors and gains are not the paper's, so it is neither right nor wrong."""
-    found = estimate(by_replicate(with_steps(runs), _arm(floor, algorithm, robots), STEPS))
-    return (str(found), None) if found.size else NO_DATA
 
 
 def fewer(floor: str, algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -235,7 +231,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.grid(alpha=0.3)
     legend_outside(figure, plots)
     path = folder / "steps_beside_the_paper.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path, *_draw_reductions(frame, folder)]
 
 
@@ -265,7 +261,7 @@ def _draw_reductions(frame: pd.DataFrame, folder: Path) -> list[Path]:
     plot.grid(alpha=0.3)
     plot.legend(fontsize="small")
     path = folder / "reductions_beside_the_paper.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 
@@ -285,4 +281,3 @@ globals().update(
 )
 globals().update({f"{t.__name__}_{floor}": partial(t, floor) for t in _BY_FLOOR for floor in FLOORS})
 globals().update({f"{t.__name__}_{size}": partial(t, size) for t in _BY_SIZE for size in SIZES})
-globals().update({f"{CELL}{f}_{a}_{n}": partial(cell, f, a, n) for f in FLOORS for a in ALGORITHMS for n in SIZES})

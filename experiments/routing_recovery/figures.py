@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report.comparison import NO_DATA, Answer, Arm, by_replicate, confidence_limits
+from cosim.report.saving import save
 
 SHAPES: Final = ("diamond", "ladder", "ring")
 GOLDEN: Final = 0.618
@@ -100,7 +101,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     for plot, label in zip(plots[:, 0], ROWS.values(), strict=True):
         plot.set_ylabel(label)
     path = folder / "recovery.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

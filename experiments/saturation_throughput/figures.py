@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report.estimates import estimates
+from cosim.report.saving import save
 
 NEEDED: Final = {"network", "access", "stations", "throughput_mbps", "bianchi_mbps"}
 COLUMNS: Final = 4
@@ -43,7 +44,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     for plot in plots[len(networks) :]:
         plot.remove()
     path = folder / "throughput_by_stations.png"
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return [path]
 
 

@@ -79,18 +79,20 @@ class AgentMachine(Drains):
         links = self._transport.links
         return links is None or self._alone or links.audience is not None
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a frame, or an order from the console."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Take a frame, or an order from the console; return False if nothing is to be done about it."""
         if reception.source == OPERATOR:
             self._obey(data, now)
-        else:
-            self._transport.receive(data, reception, now)
-        self._settle(now)
+        elif not self._transport.receive(data, reception, now):
+            self._listen()
+            return bool(self._events)
+        self._settle()
+        return True
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take an event of a link, or the fate of a frame."""
         self._transport.link(event, now)
-        self._settle(now)
+        self._settle()
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Keep the observation, and the links; return False if nothing has come of it."""
@@ -98,13 +100,13 @@ class AgentMachine(Drains):
         if not self._keeps_links:
             return False
         self._transport.tick(observation.visible, now)
-        self._settle(now)
+        self._settle()
         return True
 
     def wake(self, now: Time) -> None:
         """Act on all deadlines up to *now*."""
         self._transport.wake(now)
-        self._settle(now)
+        self._settle()
 
     def wake_at(self) -> Time | None:
         """Return when the transport is due; None if it is not."""
@@ -121,12 +123,16 @@ class AgentMachine(Drains):
         if message:
             self._transport.publish(TOPIC, message, now)
 
-    def _settle(self, now: Time) -> None:
+    def _settle(self) -> None:
         """Take the messages that have arrived, and leave what is to be sent in the outbox."""
+        self._listen()
+        self._events += drained(self._transport.bad)
+        self._outbox += self._transport.drain()
+
+    def _listen(self) -> None:
+        """Take the messages that have arrived."""
         for source, topic, payload, at in self._transport.published():
             if topic == TOPIC and len(payload) == self.message_octets:
                 self.heard.append(Heard(source, at, payload))
             else:
                 self._events.append(BadBytes(source, len(payload)))
-        self._events += drained(self._transport.bad)
-        self._outbox += self._transport.drain()

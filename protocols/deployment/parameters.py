@@ -76,7 +76,7 @@ class TimedSwitch(Settings):
     """A change of the strategy of the present play, which the host makes without an operator."""
 
     at_s: Seconds = Field(ge=0, description="s after the start")
-    strategy: Strategy
+    strategy: Strategy = Field(description="the strategy from then on")
 
 
 class Parameters(Settings):

@@ -69,7 +69,9 @@ class TeamParameters(Settings):
 class Parameters(TeamParameters):
     """Parameters of Pseudonet and its coverage algorithms."""
 
-    algorithm: Literal["oscard", "random_walk", "boustrophedon", "spanning_tree"] = "boustrophedon"
+    algorithm: Literal["oscard", "random_walk", "boustrophedon", "spanning_tree"] = Field(
+        default="boustrophedon", description="how the robots divide the cells and choose the next"
+    )
     stop_ratio: float = Field(
         default=1.0,
         gt=0,

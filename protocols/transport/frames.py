@@ -6,6 +6,7 @@ formats.
 """
 
 from binascii import crc_hqx
+from functools import lru_cache
 from struct import Struct, error
 from typing import Final, NamedTuple, TypeAlias
 
@@ -34,6 +35,7 @@ _PUBLICATION: Final = Struct(">BI")
 _PART_KIND: Final = 1
 _ACK_KIND: Final = 2
 _PUBLICATION_KIND: Final = 3
+_LAYOUTS: Final = {_PART_KIND: _PART, _ACK_KIND: _ACK, _PUBLICATION_KIND: _PUBLICATION}
 PART_OVERHEAD: Final = _HEAD.size + _PART.size + CRC_BYTES
 """Bytes of a part beyond its payload."""
 PUBLICATION_OVERHEAD: Final = _HEAD.size + _PUBLICATION.size + CRC_BYTES
@@ -111,6 +113,7 @@ def encode(frame: Frame) -> bytes:
     return seal(data)
 
 
+@lru_cache(maxsize=16)  # all who hear a broadcast decode the same bytes
 def decode(data: bytes) -> Frame:
     """Return the frame that *data* is; raise WireError for bytes that are no frame of a transport."""
     if len(data) < _HEAD.size + CRC_BYTES:
@@ -127,7 +130,7 @@ def decode(data: bytes) -> Frame:
 
 
 def _body(kind: int, data: bytes) -> Body:
-    layout = {_PART_KIND: _PART, _ACK_KIND: _ACK, _PUBLICATION_KIND: _PUBLICATION}.get(kind)
+    layout = _LAYOUTS.get(kind)
     if layout is None:
         raise WireError(f"kind {kind}")
     if len(data) < layout.size or (kind == _ACK_KIND and len(data) > layout.size):

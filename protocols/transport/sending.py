@@ -8,6 +8,7 @@ from binascii import crc_hqx
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -59,6 +60,8 @@ class Radio:
 
     def forget(self, now: Time) -> list[Held]:
         """Return the frames, once, whose fate was not reported in time."""
+        if not self._held or now - next(iter(self._held.values())).since < self._patience:  # the oldest is the first
+            return []
         gone = [token for token, held in self._held.items() if now - held.since >= self._patience]
         return [self._held.pop(token) for token in gone]
 
@@ -108,7 +111,7 @@ class Sender:
         self._spread = from_seconds(parameters.spread_s) if links is None else 0
         self._publications: dict[tuple[Address, int], tuple[Time, bytes]] = {}
         """When each may be sent, and its frame, by author and topic."""
-        self._relays: dict[Address, deque[bytes]] = defaultdict(lambda: deque(maxlen=RELAYED))
+        self._relays: dict[Address, deque[bytes]] = defaultdict(partial(deque, maxlen=RELAYED))
         self._out: list[Outgoing] = []
 
     # ------------------------------------------------------------ what is to be sent
@@ -186,9 +189,11 @@ class Sender:
                 hop = self._hop(author)
                 if hop is not None:
                     self._send(hop, encode(Frame(self._me, author, self._incarnation, stream.acknowledge())), now)
-        self._send_publications(now)
-        self._send_relayed(now)
-        while self._send_part(now):
+        if self._publications:
+            self._send_publications(now)
+        if self._relays:
+            self._send_relayed(now)
+        while self.outbound and self._send_part(now):
             pass
 
     def _hop(self, destination: Address) -> Address | None:

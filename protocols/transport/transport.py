@@ -200,10 +200,17 @@ class Transport:
 
     # ------------------------------------------------------------ inputs of the machine
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a frame; bytes that are no frame of the team become an event in ``bad``."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Take a frame; bytes that are no frame of the team become an event in ``bad``.
+
+        Return False if it has no more to send than before, no earlier deadline and no event: then all that may have
+        come of it is a value for ``published``.
+        """
+        behind = self._clock.behind
         time = self._clock.read(now)
-        acts = self.links is not None or self._floods or (self._wake is not None and self._wake <= time)
+        # with no link yet the first link commands may not have been drained; a clock set back moves deadlines
+        unsettled = self._floods or (self.links is not None and self.links.audience is None)
+        acts = unsettled or self._clock.behind != behind or (self._wake is not None and self._wake <= time)
         try:
             frame = decode(data)
             # after a publication that it does not relay it has no more to send than before
@@ -213,6 +220,7 @@ class Transport:
             acts = True
         if acts:
             self._act(time)
+        return acts
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take an event of a link, or the fate of a frame."""
@@ -258,9 +266,10 @@ class Transport:
     def _act(self, time: Time) -> None:
         """Act on deadlines that are over, send what may be sent, and find the next deadline."""
         self._returned += self._sender.time_out(time)
-        self._sender.send(self._streams(), time)
+        streams = list(self._streams()) if self._inbound else []
+        self._sender.send(streams, time)
         # acknowledgements that are overdue wait for the radio, not for a time
-        dues = (inbound.due for _, inbound in self._streams() if inbound.due is not None and inbound.due > time)
+        dues = [inbound.due for _, inbound in streams if inbound.due is not None and inbound.due > time]
         self._wake = min([*self._sender.deadlines(time), *dues], default=None)
 
     def _streams(self) -> Iterator[tuple[Address, Inbound]]:
@@ -271,7 +280,7 @@ class Transport:
     def _take(self, frame: Frame, data: bytes, reception: Reception, time: Time) -> bool:
         """Take a frame; raise WireError for one that no robot of this team can have meant.
 
-        Return whether messages to its author, which did not answer before, are sent again soon.
+        Return whether there is more to send: it is relayed, or its author, which did not answer before, is tried again.
         """
         author, destination = frame.author, frame.destination
         if author >= self._size or (destination != ALL and destination >= self._size):
@@ -280,14 +289,15 @@ class Transport:
             return False
         if destination in (ALL, self.me):
             self._hear(frame, data, time)
+        relays = False
         if self.links is not None:
             self.links.heard(reception.source, time)
-            if self.links.relays(author, reception):
+            if relays := self.links.relays(author, reception):
                 self._relay(frame, data, self.links, time)
         self._heard[author] = time
         outbound = self._sender.outbound.get(author)
         if outbound is None or outbound.vain <= 1:
-            return False
+            return relays
         outbound.hasten(time)
         return True
 

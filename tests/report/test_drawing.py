@@ -52,7 +52,7 @@ def runs() -> pd.DataFrame:
 def drawn(runs: pd.DataFrame, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return the panels of the figure of the share over time."""
     kept: list[Any] = []
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **how: kept.extend(figure.axes))
+    monkeypatch.setattr("cosim.report.drawing.save", lambda figure, path: kept.extend(figure.axes))
     draw_shares(runs, folder / "curves.png", ("share", KNOWN, END), LINES, PANELS, ROWS)
     return kept
 
@@ -71,7 +71,7 @@ def test_all_points_stand_inside_the_panels_of_the_time_by_size(
     runs: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     kept: list[Any] = []
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **how: kept.extend(figure.axes))
+    monkeypatch.setattr("cosim.report.drawing.save", lambda figure, path: kept.extend(figure.axes))
     runs.loc[runs["map"] == "office", "until_95_s"] *= 5.0  # the last panel has the largest
     draw_panels(runs, tmp_path / "x.png", ("until_95_s", "s"), ("robots", (1, 4)), LINES, PANELS)
     assert len(kept) == 2

@@ -1,5 +1,6 @@
 import json
 import math
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,11 +11,12 @@ from matplotlib.figure import Figure
 
 from cosim.errors import UserError
 from cosim.report import drawing, sweep_report
-from cosim.report.claims import Claim, Verdict, judge, published_claims
+from cosim.report.claims import Claim, Verdict, chance, judge, published_claims
 from cosim.report.drawing import draw
-from cosim.report.estimates import estimate, estimates
+from cosim.report.estimates import estimates
 from cosim.report.sweep_report import Report, report
 from cosim.results import RunStore, SweepDescription
+from cosim.statistics.intervals import estimate
 
 DESCRIPTION: dict[str, Any] = {
     "experiment": "calls",
@@ -95,15 +97,23 @@ def test_estimates_come_by_arm():
 @pytest.mark.parametrize(
     ("fields", "verdict"),
     [
-        ({"where": "size == 4 and radio == 'near'", "test": "within 1 %"}, "holds"),
-        ({"where": "size == 4 and radio == 'far'", "test": "within 12 %"}, "fails"),
-        ({"where": "size == 4 and radio == 'far'", "test": "within 12.5 %"}, "holds"),
+        # 4, 8, 12 of the three seeds: 8 ± 9.94, -1.94 to 17.94
+        ({"where": "size == 4 and radio == 'near'", "test": "within 124 %"}, "open"),
+        ({"where": "size == 4 and radio == 'near'", "test": "within 125 %"}, "holds"),
+        ({"where": "size == 4 and radio == 'near'", "test": "within 5 %", "published": "18.8"}, "open"),
+        ({"where": "size == 4 and radio == 'near'", "test": "within 4 %", "published": "18.8"}, "fails"),
+        ({"where": "seed == 1", "test": "within 1 %", "published": "3.5"}, "open"),
         ({"where": "size == 4 and radio == 'near'", "test": "equal"}, "fails"),
         ({"quantity": "constant", "published": "3", "test": "equal"}, "holds"),
-        ({"published": "6.5", "test": "at least"}, "holds"),
-        ({"published": "6.6", "test": "at least"}, "fails"),
-        ({"published": "6.5", "test": "at most"}, "holds"),
-        ({"published": "6.4", "test": "at most"}, "fails"),
+        # 3.5, 6.5, 9.5: 6.5 ± 7.45, -0.95 to 13.95
+        ({"published": "-1", "test": "at least"}, "holds"),
+        ({"published": "6.5", "test": "at least"}, "open"),
+        ({"published": "14", "test": "at least"}, "fails"),
+        ({"published": "14", "test": "at most"}, "holds"),
+        ({"published": "6.5", "test": "at most"}, "open"),
+        ({"published": "-1", "test": "at most"}, "fails"),
+        ({"test": "not comparable: theirs had wheels"}, "not comparable"),
+        ({"test": "not comparable: theirs had wheels", "quantity": "", "published": ""}, "not comparable"),
         ({"where": "size == 8"}, "no data"),
         ({"quantity": "nothing"}, "no data"),
         ({"test": "decide"}, "holds"),
@@ -210,7 +220,7 @@ def test_a_report_has_tables_claims_and_figures(tmp_path: Path):
     assert table["delay_s"].tolist()[0] == "4 ± 5"  # 2, 4, 6: t(0.975, 2) * 2 / sqrt(3) = 4.97
     assert extra["size"].tolist() == [2, 4]
     assert [(verdict.ours, verdict.verdict) for verdict in made.verdicts] == [
-        ("8.5 ± 9.9", "holds")
+        ("8.5 ± 9.9", "open")
     ]  # 4.5, 8.5, 12.5 of the three seeds: t(0.975, 2) * 4 / sqrt(3) = 9.94
     assert made.figures == [folder / "delay_s.png"]
     assert made.figures[0].read_bytes().startswith(b"\x89PNG")
@@ -254,12 +264,12 @@ def test_figures_can_be_fewer_than_the_columns_of_the_table(tmp_path: Path):
 
 
 def test_a_claim_is_wrapped_and_led_by_its_verdict():
-    verdict = Verdict("linear", "so many words " * 20, "1 s", "2 s", "fails")
+    verdict = Verdict("linear", "so many words " * 20, "1 s", "2 s", "fails", "it is twice that")
     lines = Report("calls", verdicts=[verdict]).text().splitlines()
     assert lines[1].startswith("fails  linear: so many words")
     assert max(map(len, lines)) <= 110
-    assert lines[-1] == "       published 1 s; ours 2 s"
-    verdict = Verdict("linear", "it is so", "1 s", "M=2 4, " * 30, "open")
+    assert lines[-2:] == ["       published 1 s; ours 2 s", "       it is twice that"]
+    verdict = Verdict("linear", "it is so", "1 s", "M=2 4, " * 30, "not comparable", "so many reasons " * 20)
     assert max(map(len, Report("calls", verdicts=[verdict]).text().splitlines())) <= 110
 
 
@@ -354,3 +364,92 @@ def test_functions_are_not_asked_about_runs_that_are_not_there():
     assert judge(claim(test="decide"), pd.DataFrame(), pd.DataFrame(), figures).verdict == "no data"
     silent: Any = SimpleNamespace(decide=lambda runs, seen: ("-", None))
     assert judge(claim(test="decide"), pd.DataFrame(RUNS), pd.DataFrame(), silent).verdict == "no data"
+
+
+CALM = [row | {"delay_s": 2.4 + 0.05 * (row["seed"] - 2), "late": row["seed"] > 0} for row in RUNS]
+"""2.35, 2.4, 2.45 of the three seeds: 2.4 ± 0.1242 (t(0.975, 2) = 4.303)."""
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"published": "2.4", "test": "within 10 %"}, "all of the interval 2.276 to 2.524 is within 10 % of 2.4"),
+        (
+            {"published": "2.4", "test": "within 2 %"},  # (0.1242 / 0.048)^2 * 3 = 20.1
+            "the interval 2.276 to 2.524 crosses the bound 2.352 (within 2 % of 2.4); about 21 replicates would decide",
+        ),
+        ({"published": "2", "test": "within 2 %"}, "no part of the interval 2.276 to 2.524 is within 2 % of 2"),
+        (
+            {"published": "2.4", "test": "at least"},
+            "the interval 2.276 to 2.524 crosses the bound 2.4 (at least 2.4); "
+            "no number of replicates would decide, as the mean lies practically on it",
+        ),
+        ({"where": "seed == 1", "test": "within 1 %"}, "a single replicate has no interval"),
+        ({"where": "seed == 1", "test": "in the interval"}, "a single replicate has no interval"),
+        (
+            {"published": "2.5", "test": "in the interval"},
+            "2.5 lies in the interval 2.276 to 2.524, which says little if that is wide",
+        ),
+        ({"quantity": "constant", "published": "3"}, "each of the 12 values is 3"),
+        ({"quantity": "seed", "published": "3"}, "8 of the 12 values are not 3"),
+        ({"where": "size == 8"}, "no run has a value of delay_s where size == 8"),
+        ({"test": "not comparable: theirs had wheels"}, "theirs had wheels"),
+        ({"test": "decide"}, "decide in figures.py finds that it holds: Answer whether it is so"),
+        ({"test": "refuse"}, "refuse in figures.py finds that it does not hold"),
+        ({"test": "leave"}, "leave in figures.py leaves it open"),
+        ({"test": "seek"}, "seek in figures.py finds no runs that it is about"),
+    ],
+)
+def test_a_verdict_tells_its_reason_in_a_sentence(fields: dict[str, str], reason: str):
+    def decide(bound: int, runs: pd.DataFrame, seen: pd.DataFrame) -> tuple[str, bool]:
+        """Answer whether it is so.
+
+        More about it.
+        """
+        return "ours", True
+
+    figures: Any = SimpleNamespace(
+        decide=partial(decide, 1),
+        refuse=lambda runs, seen: ("ours", False),
+        leave=lambda runs, seen: ("ours", None),
+        seek=lambda runs, seen: ("-", None),
+    )
+    assert judge(claim(**fields), pd.DataFrame(CALM), pd.DataFrame(), figures).reason == reason
+
+
+def test_what_always_happened_is_not_taken_for_certain():
+    runs = pd.DataFrame([{"seed": seed, "delay_s": 1.0} for seed in range(50)])
+    late = claim(quantity="delay_s <= 2.5", published="0.95", test="in the interval")
+    found = judge(late, runs, pd.DataFrame(), None)  # 50 of 50: 50 / (50 + 1.96^2) = 0.9287
+    assert (found.ours, found.verdict) == ("1 (0.929 to 1)", "holds")
+    assert judge(late.model_copy(update={"published": "0.92"}), runs, pd.DataFrame(), None).verdict == "fails"
+    assert judge(
+        late.model_copy(update={"test": "within 1 %", "published": "1"}), runs, pd.DataFrame(), None
+    ).verdict == ("open")
+
+
+def test_the_failures_that_chance_explains_stand_beside_the_count():
+    def told(test: str, *words: str) -> list[Verdict]:
+        return [Verdict("a", "it is so", "1", "2", word, "it is", test) for word in words]
+
+    judged = told("in the interval", *["holds"] * 18, "fails", "fails", "open", "no data") + told("equal", "fails")
+    found = chance(judged)
+    # of 20 at 5 %: 1 - 0.95^20 - 20 * 0.05 * 0.95^19
+    assert found == pytest.approx((20, 2, 1.0, 1 - 0.95**20 - 0.95**19), rel=1e-12)
+    lines = Report("calls", verdicts=judged).text()
+    assert (
+        "2 of 20 claims in the interval fail; chance alone fails 1 of them if all are true, and 2 or more with" in lines
+    )
+    assert Report("calls", verdicts=judged).plain()["chance"]["expected"] == pytest.approx(1.0)
+    assert chance(told("equal", "fails")) is None
+    assert Report("calls", verdicts=told("equal", "fails")).plain()["chance"] is None
+
+
+def test_a_metric_of_ones_and_zeros_is_a_share_in_every_arm():
+    rows = pd.DataFrame(
+        [{"seed": seed, "arm": arm, "there": float(arm or seed > 4)} for arm in (0, 1) for seed in range(20)]
+    )
+    low, high = estimates(rows, ["arm"], ["there"])["there"]
+    assert (low.mean, high.mean, high.high) == (0.75, 1.0, 1.0)
+    assert high.low == pytest.approx(20 / (20 + 1.959964**2), rel=1e-6)
+    assert str(estimates(rows[rows["arm"] == 1], ["arm"], ["there"])["there"][0]) == "1"  # a constant is none

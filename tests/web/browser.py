@@ -4,6 +4,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.resources import files
 from typing import Any, Protocol
 
 import pytest
@@ -137,3 +138,21 @@ LABELS = """() => {
   };
 }"""
 """Keeps where a page writes what on its canvases."""
+
+
+def axe() -> str:
+    """Return the program of axe-core, which a package of the extra dev carries."""
+    try:
+        return (files("axe_playwright_python") / "axe.min.js").read_text(encoding="utf-8")
+    except ModuleNotFoundError:
+        if os.environ.get("CI"):
+            raise
+        pytest.skip("axe-playwright-python is not installed")
+
+
+GRAVE = """async () => {
+  const rules = { "label-content-name-mismatch": { enabled: true } };
+  const { violations } = await axe.run(document, { rules });
+  return violations.map(({ id, impact, nodes }) => [id, impact, nodes[0].html]);
+}"""
+"""What axe-core finds on a page, once its program is there."""

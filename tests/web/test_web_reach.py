@@ -1,9 +1,7 @@
 """The pages for everybody: on a phone and a laptop, by fingers and by keys, and as a screen reader is told of them."""
 
 import math
-import os
 from collections.abc import Iterator
-from importlib.resources import files
 from typing import Any
 
 import pytest
@@ -11,7 +9,7 @@ import pytest
 from cosim.web.server import VIEW
 from tests.protocols.deployment.operator.page.consoles import Consoles, Still
 from tests.protocols.deployment.operator.page.hand import PAGE, choose, playing, ready, tailoring, until
-from tests.web.browser import LABELS, Browser, tab
+from tests.web.browser import GRAVE, LABELS, Browser, axe, tab
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow
@@ -45,23 +43,6 @@ def opened(browser: Browser, still: Still, name: str, size: tuple[int, int]) -> 
 
 
 # ---------------------------------------------------------------- what a screen reader is told
-
-
-def axe() -> str:
-    """Return the program of axe-core, which a package of the extra dev carries."""
-    try:
-        return (files("axe_playwright_python") / "axe.min.js").read_text(encoding="utf-8")
-    except ModuleNotFoundError:
-        if os.environ.get("CI"):
-            raise
-        pytest.skip("axe-playwright-python is not installed")
-
-
-GRAVE = """async () => {
-  const rules = { "label-content-name-mismatch": { enabled: true } };
-  const { violations } = await axe.run(document, { rules });
-  return violations.map(({ id, impact, nodes }) => [id, impact, nodes[0].html]);
-}"""
 
 
 @SIZES

@@ -69,6 +69,7 @@ class InquirySettings(Settings):
     n_inquiry: Count = Field(default=256, ge=1)
     """Repetitions of a train before the other takes over; the specification asks for 256 at least (2.56 s)."""
     first_train: Train = "A"
+    """The train of 16 hop channels that is sent first."""
 
 
 class InquiryScanSettings(ScanSettings):

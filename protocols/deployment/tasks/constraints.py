@@ -45,21 +45,21 @@ class Before(Settings):
     """One task, with all its subtasks, ends before another starts."""
 
     kind: Literal["before"] = "before"
-    first: str
-    then: str
-    at_least_s: Quantity = 0.0
+    first: str = Field(description="label of the task that ends")
+    then: str = Field(description="label of the task that starts")
+    at_least_s: Quantity = Field(default=0.0, description="s between them")
 
 
 class After(Settings):
     """The start or end of a task comes a given time after the start or end of another."""
 
     kind: Literal["after"] = "after"
-    task: str
-    edge: Edge = "start"
-    of: str
-    of_edge: Edge = "end"
-    at_least_s: Quantity = 0.0
-    at_most_s: Quantity | None = None
+    task: str = Field(description="label of the task that is constrained")
+    edge: Edge = Field(default="start", description="which of its instants")
+    of: str = Field(description="label of the other task")
+    of_edge: Edge = Field(default="end", description="which instant of the other")
+    at_least_s: Quantity = Field(default=0.0, description="s from the other's instant to this one's")
+    at_most_s: Quantity | None = Field(default=None, description="s, at most so long; without limit if not given")
 
     @model_validator(mode="after")
     def _some_time_is_left(self) -> Self:
@@ -73,16 +73,16 @@ class Within(Settings):
     """A task takes no longer than a given time."""
 
     kind: Literal["within"] = "within"
-    task: str = ""
-    seconds: Quantity
+    task: str = Field(default="", description="label of the task; the whole play if empty")
+    seconds: Quantity = Field(description="s, from its start to its end")
 
 
 class Deadline(Settings):
     """A task has ended a given time after the plan begins."""
 
     kind: Literal["deadline"] = "deadline"
-    task: str = ""
-    seconds: Quantity
+    task: str = Field(default="", description="label of the task; the whole play if empty")
+    seconds: Quantity = Field(description="s after the plan begins, by which it has ended")
 
 
 Constraint: TypeAlias = Annotated[Before | After | Within | Deadline, Field(discriminator="kind")]

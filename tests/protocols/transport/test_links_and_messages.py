@@ -84,6 +84,18 @@ def test_a_slave_passes_nothing_on() -> None:
     assert sent(slave) == []
 
 
+def test_only_who_has_something_to_do_about_news_says_so() -> None:
+    news = encode(Frame(1, ALL, 0, Publication(0, 1, b"x")))
+    slave, master = linked(bluetooth_transport(2), Role.SLAVE, 0), linked(bluetooth_transport(0), Role.MASTER, 1, 2)
+    assert not slave.receive(news, Reception(0, True), S)
+    assert [each.payload for each in slave.published()] == [b"x"]
+    assert master.receive(news, Reception(1, False), S), "it relays it"
+    assert slave.receive(b"noise", Reception(0, True), S), "there is an event"
+    assert bluetooth_transport(2).receive(news, Reception(0, True), S), "its first link commands wait"
+    slave.receive(news, Reception(0, True), 5 * S)
+    assert slave.receive(news, Reception(0, True), 3 * S), "its clock was set back, and with it the deadlines"
+
+
 def test_what_waits_for_a_slave_that_is_lost_is_not_passed_on_later() -> None:
     master = linked(bluetooth_transport(0), Role.MASTER, 1, 2)
     for number in range(6):

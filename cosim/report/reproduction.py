@@ -1,0 +1,127 @@
+"""All experiments, one after the other, and one index over all claims of all papers.
+
+    FOLDER/index.html   a row a claim: paper, section, experiment, published, ours, verdict, reason
+    FOLDER/index.csv    the same
+    FOLDER/NAME.html    the page of an experiment
+    FOLDER/NAME/        its results, into which the next reproduction goes on
+
+The verdicts of a whole sheet may be kept beside its published.csv, in ``verdicts.csv``: then the index of a quick one
+lists where it says something else.
+"""
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import UserError
+from cosim.experiment import experiment_folders, find_experiment, load_experiment
+from cosim.report.claims import published_claims
+from cosim.report.experiment_page import write_page
+from cosim.report.index_page import index_page
+from cosim.report.page import VERDICTS
+from cosim.report.sweep_report import report
+from cosim.report.tried import KEPT, KEPT_COLUMNS, Judged, Tried, index_rows, kept_verdicts
+from cosim.sweep import Progress, run_sweep
+from cosim.trace import drafted
+
+
+class Reproduction:
+    """Experiments, run into one folder, and the index over their claims."""
+
+    def __init__(self, names: Sequence[str], folder: Path, quick: bool, jobs: int | None) -> None:
+        """Choose the experiments *names*, or all that are installed; raise UserError for one that is none."""
+        paths = [find_experiment(name) for name in names]
+        chosen = {path.resolve().parent.name: path for path in paths}
+        if len(chosen) < len(set(paths)):
+            raise UserError(f"{', '.join(map(str, paths))}: expected experiments in folders of different names")
+        if not names:
+            chosen = {name: at / "sweep.yaml" for name, at in experiment_folders().items()}
+        self.folder = folder
+        self.quick = quick
+        self._jobs = jobs
+        self.tried = {name: Tried(name, path) for name, path in chosen.items()}
+        for each in self.tried.values():
+            try:
+                each.claims = published_claims(each.source.parent)
+                each.whole = kept_verdicts(each.source.parent)
+            except UserError as error:
+                each.error = str(error)
+
+    def make(self, name: str, progress: Progress) -> Tried:
+        """Make the runs of the experiment *name* that are not there yet, its page, and the index so far.
+
+        Whatever goes wrong in it becomes its error, and the others go on.
+        """
+        tried, folder = self.tried[name], self.folder / name
+        try:
+            tried.whole = kept_verdicts(tried.source.parent)
+            experiment = load_experiment(tried.source, (), self.quick)
+            summary = run_sweep(experiment, folder, self._jobs, progress=progress)
+            tried.runs, tried.failed = summary.runs, len(summary.failures)
+            made = report(folder)
+            write_page(self.folder / f"{name}.html", folder, made)
+            tried.claims, tried.made, tried.error = made.claims, made, ""
+        except Exception as error:  # noqa: BLE001  # one experiment that fails must not end the others
+            tried.error = " ".join(
+                f"{'' if isinstance(error, UserError) else type(error).__name__ + ': '}{error}".split()
+            )
+        self.write_index()
+        return tried
+
+    def rows(self) -> list[Judged]:
+        """Return the index: all claims, paper by paper."""
+        return index_rows(self.tried.values())
+
+    def write_index(self) -> None:
+        """Write index.html and index.csv."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with drafted(self.folder / "index.html") as draft:
+            draft.write_text(index_page(self.tried, self.quick), encoding="utf-8")
+        with drafted(self.folder / "index.csv") as draft:
+            draft.write_text(_csv(Judged._fields, self.rows()), encoding="utf-8")
+
+    def keep_verdicts(self) -> list[Path]:
+        """Write the verdicts beside each published.csv, as those of its whole sheet; return the files."""
+        files = []
+        for each in self.tried.values():
+            if each.made is None or each.made.sweep is None or not each.claims:
+                continue
+            sweep = each.made.sweep
+            rows = [(found.id, found.verdict, found.ours, sweep.replicates, sweep.code) for found in each.made.verdicts]
+            files.append(each.source.parent / KEPT)
+            with drafted(files[-1]) as draft:
+                draft.write_text(_csv(KEPT_COLUMNS, rows), encoding="utf-8")
+        return files
+
+    @property
+    def failed(self) -> bool:
+        """Whether an experiment has no report, or one of its runs failed."""
+        return any(each.error or each.failed for each in self.tried.values())
+
+    def text(self) -> str:
+        """Return the totals for a terminal."""
+        words = Counter(row.verdict for row in self.rows())
+        lines = [f"{words[word]:5d} {word}" for word in VERDICTS if words[word]]
+        other = sum(row.disagrees for row in self.rows())
+        lines += [f"{other:5d} otherwise than the whole sheet"] if other else []
+        return "\n".join([*lines, f"index: {self.folder / 'index.html'}"])
+
+    def plain(self) -> dict[str, Any]:
+        """Return all as plain data."""
+        return {
+            "experiments": [
+                {"name": each.name, "runs": each.runs, "failed": each.failed, "error": each.error}
+                for each in self.tried.values()
+            ],
+            "claims": [row._asdict() for row in self.rows()],
+            "disagreeing": [f"{row.experiment}: {row.id}" for row in self.rows() if row.disagrees],
+        }
+
+
+def _csv(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    file = io.StringIO(newline="")
+    csv.writer(file, lineterminator="\n").writerows([names, *rows])
+    return file.getvalue()
