@@ -216,10 +216,10 @@ class RunStore:
             there = metric in self.parts.schema(part).names
             rows = self.parts.read(part, [*RUN, "code", *([metric] if there else [])]).to_pylist()
             for row in rows:
-                if chosen.get((row["configuration"], row["replicate"])) == row["code"]:
+                if chosen.get((row["configuration"], row["seed"])) == row["code"]:
                     value = row.get(metric)
                     for arm in arms[row["configuration"]]:
-                        found[arm][row["replicate"]] = math.nan if value is None else float(value)
+                        found[arm][row["seed"] - told.seed] = math.nan if value is None else float(value)
         return found
 
     def failed(self, told: SweepDescription) -> list[Row]:
