@@ -27,7 +27,7 @@ from typing import Any, Final, TypeAlias
 
 from cosim.columns import conformed, schema_of
 from cosim.errors import UserError
-from cosim.trace import Field, drafted
+from cosim.trace import Field, drafted, sync_folder
 
 TABLES: Final = ("runs", "observations")
 MANIFEST: Final = "SHA256SUMS"
@@ -76,8 +76,9 @@ class Parts:
         self.remove(self._doubles())
         there = {f"{part.parent.name}/{part.name}": part for table in TABLES for part in self.files(table)}
         listed = self.listed()
-        if listed.keys() != there.keys():
-            self._list({name: listed.get(name) or _digest(part.read_bytes()) for name, part in there.items()})
+        digests = {name: listed.get(name) or _digest(part.read_bytes()) for name, part in there.items()}
+        if sorted(self._manifest().splitlines(keepends=True)) != _lines(digests):  # or its last line was cut short
+            self._list(digests)
 
     def _doubles(self) -> list[Path]:
         """Return the parts whose runs are all in newer ones: they were to go when the writer was killed."""
@@ -244,6 +245,7 @@ class Parts:
         for table in TABLES:  # runs first: without them observations are nothing
             for name in names:
                 (self.folder / table / name).unlink(missing_ok=True)
+            sync_folder(self.folder / table)  # what was dropped comes back with no power cut
         self._list({path: digest for path, digest in self.listed().items() if Path(path).name not in names})
 
     def _next(self) -> int:
@@ -255,11 +257,7 @@ class Parts:
 
     def listed(self) -> dict[str, str]:
         """Return what the manifest lists, the SHA-256 of each file by its path; lines without sense are nothing."""
-        try:
-            text = (self.folder / MANIFEST).read_text(encoding="ascii", errors="replace")
-        except FileNotFoundError:
-            return {}
-        lines = map(_LISTED.fullmatch, text.splitlines())
+        lines = map(_LISTED.fullmatch, self._manifest().splitlines())
         return {line["path"]: line["digest"] for line in lines if line}
 
     def damaged(self) -> list[str]:
@@ -282,9 +280,15 @@ class Parts:
                 told.append(f"{part}: is not listed in {MANIFEST}")
         return told + [f"{self.folder / path}: is gone" for path in sorted(listed.keys() - there.keys())]
 
+    def _manifest(self) -> str:
+        try:
+            return (self.folder / MANIFEST).read_text(encoding="ascii", errors="replace")
+        except FileNotFoundError:
+            return ""
+
     def _list(self, digests: Mapping[str, str]) -> None:
         with drafted(self.folder / MANIFEST) as draft:
-            draft.write_text("".join(f"{digest}  {path}\n" for path, digest in sorted(digests.items())), "ascii")
+            draft.write_text("".join(_lines(digests)), "ascii")
 
 
 @contextmanager
@@ -314,6 +318,11 @@ def _parquet(table: Any) -> bytes:
     file = io.BytesIO()
     pq.write_table(table, file, write_page_checksum=True)
     return file.getvalue()
+
+
+def _lines(digests: Mapping[str, str]) -> list[str]:
+    """Return the lines of a manifest of *digests*, by path, sorted."""
+    return sorted(f"{digest}  {path}\n" for path, digest in digests.items())
 
 
 def _digest(data: bytes) -> str:

@@ -8,6 +8,7 @@ All parts of a table have the same columns (``cosim.parts``). A sweep resumes by
 without the keys (configuration digest, seed, code digest) that are there.
 """
 
+import hashlib
 import itertools
 import json
 import math
@@ -30,7 +31,7 @@ from cosim import __version__
 from cosim.columns import array_of, columns_of_rows, columns_of_schema, conformed, kind_of, table_of, union
 from cosim.documents import validated
 from cosim.errors import UserError
-from cosim.parts import MINUTE_S, Parts, fitting
+from cosim.parts import KEY_NAMES, MINUTE_S, Parts, fitting
 from cosim.protocol import Metric
 from cosim.settings import Count, PlainData, Settings
 from cosim.trace import Field, arrow_field, drafted
@@ -82,10 +83,14 @@ SEVERAL: Final = "several settings"
 
 _LIBRARIES: Final = ("simpy", "numpy", "numba", "scipy", "shapely", "networkx", "pydantic", "pyarrow")
 
-RUN: Final = ("configuration", "replicate")
-"""The columns that tell which run of a sweep a row belongs to."""
+RUN: Final = ("configuration", "seed")
+"""The columns that tell which run of a sweep a row belongs to: in an older sweep its replicate had another number."""
 _FIXED_OF: Final = {"runs": FIXED, "observations": OBSERVATION_FIXED}
 """The fixed columns of both tables."""
+
+
+_SEAL: Final = "sha256"
+"""The name in a sweep.json of the SHA-256 of all else there: a damaged one must not tell of other runs."""
 
 
 class ReportSettings(Settings):
@@ -211,10 +216,10 @@ class RunStore:
             there = metric in self.parts.schema(part).names
             rows = self.parts.read(part, [*RUN, "code", *([metric] if there else [])]).to_pylist()
             for row in rows:
-                if chosen.get((row["configuration"], row["replicate"])) == row["code"]:
+                if chosen.get((row["configuration"], row["seed"])) == row["code"]:
                     value = row.get(metric)
                     for arm in arms[row["configuration"]]:
-                        found[arm][row["replicate"]] = math.nan if value is None else float(value)
+                        found[arm][row["seed"] - told.seed] = math.nan if value is None else float(value)
         return found
 
     def failed(self, told: SweepDescription) -> list[Row]:
@@ -223,7 +228,8 @@ class RunStore:
         codes = {*told.codes, *told.accepted}
         rows = (row for part in self.parts.whole() for row in self._failures_in(part, names))
         arms = _arms_of(told)
-        return [row for row in rows if row["configuration"] in arms and row["code"] in codes]
+        seeds = range(told.seed, told.seed + told.replicates)
+        return [row for row in rows if row["configuration"] in arms and row["code"] in codes and row["seed"] in seeds]
 
     def drop_failed(self, told: SweepDescription) -> None:
         """Remove the rows of *told* that tell of a failure, so that these runs are made again."""
@@ -295,8 +301,9 @@ class RunStore:
 
     def describe(self, description: SweepDescription) -> None:
         """Write down what the present sweep is."""
+        plain = json.loads(json.dumps(description.model_dump(mode="json")))  # all names are texts then
         with drafted(self.folder / "sweep.json") as draft:
-            draft.write_text(json.dumps(description.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
+            draft.write_text(json.dumps(plain | {_SEAL: _sealed(plain)}, indent=2) + "\n", encoding="utf-8")
 
     def description(self) -> SweepDescription:
         """Return what the last sweep into this folder was; raise UserError if this is no such folder."""
@@ -308,6 +315,8 @@ class RunStore:
             raise UserError(
                 f"{self.folder}: holds no results, expected a folder that cosim sweep has written"
             ) from None
+        if isinstance(plain, dict) and plain.pop(_SEAL, None) not in (None, _sealed(plain)):  # older ones have none
+            raise UserError(f"{path}: is not what was written there: sweep again")
         return validated(SweepDescription, plain, str(path))
 
     def read(self, table: str = "runs") -> "pd.DataFrame":
@@ -338,7 +347,7 @@ class RunStore:
         chosen = self.chosen(told)
 
         def belonging(part: Any) -> Any:
-            keys = zip(*(part[name].to_pylist() for name in ("configuration", "replicate", "code")), strict=True)
+            keys = zip(*(part[name].to_pylist() for name in KEY_NAMES), strict=True)
             return part.filter(pa.array([chosen.get(key[:2]) == key[2] for key in keys], pa.bool_()))
 
         found = self._joined(table, belonging)
@@ -348,7 +357,7 @@ class RunStore:
         order, ranks = [], []
         for arm, configuration in enumerate(told.configurations):
             for replicate in range(told.replicates):
-                rows = places.get((configuration, replicate), [])
+                rows = places.get((configuration, told.seed + replicate), [])
                 order += rows
                 ranks += [arm] * len(rows)
         found = self._labelled(found.take(pa.array(order, pa.int64())), told, ranks)
@@ -357,31 +366,31 @@ class RunStore:
         return found.drop_columns(empty if len(found) else [])
 
     def chosen(self, told: SweepDescription) -> dict[tuple[str, int], str]:
-        """Return which code's row counts for each configuration and replicate of *told*: its own, or one accepted."""
-        arms = _arms_of(told)
+        """Return which code's row counts for each configuration and seed of *told*: its own, or one accepted."""
+        arms, seeds = _arms_of(told), range(told.seed, told.seed + told.replicates)
         found: dict[tuple[str, int], str] = {}
         for part in self.parts.whole():
-            columns = self.parts.read(part, [*RUN, "code"])
-            for configuration, replicate, code in zip(
-                *(columns[name].to_pylist() for name in (*RUN, "code")), strict=True
-            ):
-                if configuration not in arms or replicate >= told.replicates:
+            for configuration, seed, code in self.parts.keys(part):
+                if configuration not in arms or seed not in seeds:
                     continue
                 ranked = (told.codes[arms[configuration][0]], *told.accepted)
-                best = found.get((configuration, replicate))
+                best = found.get((configuration, seed))
                 if code in ranked and (best is None or ranked.index(code) < ranked.index(best)):
-                    found[configuration, replicate] = code
+                    found[configuration, seed] = code
         return found
 
     def _labelled(self, table: Any, told: SweepDescription, ranks: Sequence[int]) -> Any:
-        """Return *table*, its rows of the arms numbered *ranks*, with the arms' values of the axes as *told*.
+        """Return *table*, its rows of the arms numbered *ranks*, with replicates and values of the axes as *told*.
 
         Rows that were made before there was an axis do not have its values, a value that was a number became a text
         if another sweep into this folder had texts on an axis of that name, and arms with the same settings have one
         row on the disk.
         """
         import pyarrow as pa
+        import pyarrow.compute as pc
 
+        place = table.column_names.index("replicate")
+        table = table.set_column(place, table.schema.field(place), pc.subtract(table["seed"], told.seed))
         for number, (name, axis) in enumerate(told.axes.items()):
             values = [arm[number] for arm in told.labels]
             field = Field(name, kind_of(values), "", axis.path or SEVERAL, optional=True)
@@ -414,6 +423,10 @@ class RunStore:
             columns = union(_FIXED_OF[table], *(columns_of_schema(each.schema) for each in tables))
             empty = table_of([], columns, {})
             return pa.concat_tables([empty, *(conformed(each, columns).replace_schema_metadata() for each in tables)])
+
+
+def _sealed(plain: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def _arms_of(told: SweepDescription) -> dict[str, list[int]]:

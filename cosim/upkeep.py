@@ -86,14 +86,12 @@ def status(store: RunStore) -> Status:
     now = time()
     parts = [(part.stat().st_mtime, part) for part in store.parts.whole()]
     lately = [(written, part) for written, part in parts if now - written < LATELY_S]
-    rate = None
-    if store.is_being_written() and lately:
+    rate, running = None, store.is_being_written()
+    if running and lately:
         rows = sum(len(store.parts.keys(part)) for _, part in lately)
         begun = max((written for written, _ in parts if now - written >= LATELY_S), default=min(lately)[0] - 1)
-        rate = rows / (now - max(begun, now - LATELY_S))
-    return Status(
-        store.folder, told.experiment, there, told.runs, len(store.failed(told)), store.is_being_written(), rate
-    )
+        rate = rows / max(1.0, now - max(begun, now - LATELY_S))  # a file server's clock may be ahead
+    return Status(store.folder, told.experiment, there, told.runs, len(store.failed(told)), running, rate)
 
 
 def content(store: RunStore) -> Content:
@@ -105,7 +103,7 @@ def content(store: RunStore) -> Content:
         names = [name for name in ("code", "libraries") if name in store.parts.schema(part).names]
         columns = store.parts.read(part, [*RUN, *names])
         for row in columns.to_pylist():
-            if chosen.get((row["configuration"], row["replicate"])) != row["code"]:
+            if chosen.get((row["configuration"], row["seed"])) != row["code"]:
                 made = row["code"], row.get("libraries") or ""
                 rows[made] = rows.get(made, 0) + 1
     files = [part for table in TABLES for part in store.parts.files(table)]
@@ -152,12 +150,7 @@ def prune(store: RunStore, dry_run: bool = False) -> int:
         chosen = store.chosen(told)
         keys: set[Key] = set()
         for part in store.parts.whole():
-            rows = store.parts.read(part, [*RUN, "seed", "code"]).to_pylist()
-            keys |= {
-                (row["configuration"], row["seed"], row["code"])
-                for row in rows
-                if chosen.get((row["configuration"], row["replicate"])) != row["code"]
-            }
+            keys |= {key for key in store.parts.keys(part) if chosen.get(key[:2]) != key[2]}
         if keys and not dry_run:
             store.parts.drop(keys, store.columns)
     return len(keys)

@@ -210,6 +210,37 @@ def test_columns_that_were_of_another_kind_in_an_older_sweep_do_not_disturb_the_
     assert store.present()["size"].tolist() == [2]
 
 
+def test_a_sweep_that_begins_with_another_seed_shows_its_own_runs(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(seed) for seed in (1, 2)] + [run_row(3) | {"replicate": 1}], [], [], {})
+        store.describe(described(seed=2, replicates=2))
+    assert store.done(described(seed=2, replicates=2)).all()
+    assert store.present()[["seed", "replicate"]].to_numpy().tolist() == [[2, 0], [3, 1]]
+
+
+@pytest.mark.slow
+def test_no_bit_of_a_description_flips_unseen(tmp_path: Path):
+    store = RunStore(tmp_path)
+    axes = {"radio": AxisDescription(path="r", values=(2, 4))}
+    told = described("b", "c", labels=((2,), (4,)), axes=axes, seed=3)
+    with store.writing():
+        store.describe(told)
+    whole = (tmp_path / "sweep.json").read_bytes()
+    refused = 0
+    for bit in range(0, 8 * len(whole), 23):
+        flipped = bytearray(whole)
+        flipped[bit // 8] ^= 1 << bit % 8
+        (tmp_path / "sweep.json").write_bytes(flipped)
+        try:
+            found = store.description()
+        except UserError:
+            refused += 1
+        else:
+            assert found == told  # a space more or less
+    assert refused > len(whole) / 4
+
+
 def test_values_that_no_sweep_has_are_told(tmp_path: Path):
     store = RunStore(tmp_path)
     with store.writing():
@@ -229,7 +260,7 @@ def test_parts_in_which_other_things_go_by_the_fixed_names_are_told(tmp_path: Pa
     place = table.column_names.index("seed")
     pq.write_table(table.set_column(place, "seed", pa.array(["first"])), part.with_name("part-00000-1f0c9a2b.parquet"))
     part.unlink()
-    for use in (store.read, store.present, declaring(store)):
+    for use in (store.read, declaring(store)):
         with pytest.raises(UserError, match="runs: the parts do not fit together, expected a folder for each sweep: "):
             use()
 
