@@ -317,7 +317,16 @@ class RunStore:
             ) from None
         if isinstance(plain, dict) and plain.pop(_SEAL, None) not in (None, _sealed(plain)):  # older ones have none
             raise UserError(f"{path}: is not what was written there: sweep again")
+        if isinstance(plain, dict) and "seed" not in plain:  # of an older program
+            plain["seed"] = self._first_seed()
         return validated(SweepDescription, plain, str(path))
+
+    def _first_seed(self) -> int:
+        """Return the seed of the first replicate, by any row that is there."""
+        for part in self.parts.whole():
+            for row in self.parts.read(part, ["seed", "replicate"]).slice(0, 1).to_pylist():
+                return int(row["seed"] - row["replicate"])
+        return 1
 
     def read(self, table: str = "runs") -> "pd.DataFrame":
         """Return all rows of *table* (``runs`` or ``observations``), of older configurations and code too.

@@ -1,4 +1,5 @@
 import fcntl
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -80,6 +81,16 @@ def test_the_present_sweep_is_what_was_described_last(tmp_path: Path):
         store.describe(described("b", "c", replicates=2))
     rows = store.present()[["configuration", "seed"]].to_numpy().tolist()
     assert rows == [["b", 1], ["c", 1], ["c", 2]]
+
+
+def test_the_folder_of_an_older_program_is_read_as_it_was_described(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(seed, size=2, replicate=seed - 7) for seed in (8, 7)], [], [], {})
+    older = {"experiment": "calls", "source": "sweep.yaml", "axes": {"size": {"path": "size", "values": [2]}}}
+    older |= {"replicates": 2, "report": {}, "configurations": ["c"], "code": "k"}
+    (tmp_path / "sweep.json").write_text(json.dumps(older))
+    assert store.present()[["size", "seed", "replicate"]].to_numpy().tolist() == [[2, 7, 0], [2, 8, 1]]
 
 
 def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
