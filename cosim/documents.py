@@ -186,6 +186,12 @@ def parse_assignment(text: str) -> Assignment:
     return Assignment(place, parse_yaml(value, f"--set {text}"), f"--set {text}")
 
 
+def assignment(path: str, value: Any) -> str:
+    """Return ``path=value`` such as parse_assignment reads."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=float("inf"))
+    return f"{path}={text.partition(chr(10))[0]}"
+
+
 def parse_place(path: str) -> Place:
     """Return the steps of a path such as ``team.starts[2]``; nothing if it is not one."""
     place = tuple(step[1] if step[1] else int(step[2]) for step in _STEP.finditer(path))

@@ -23,6 +23,7 @@ from pydantic import BaseModel
 
 from cosim.channels.kinds import ChannelSettings
 from cosim.columns import kind_of
+from cosim.documents import assignment
 from cosim.errors import UserError
 from cosim.experiment import Arm, Experiment, find_function, load_experiment, named
 from cosim.installed import installed_folders, installed_names, module_of
@@ -324,7 +325,10 @@ def planned(experiment: Experiment, folder: Path, jobs: int | None, choice: Choi
 
 
 def command_of(store: RunStore, row: int) -> list[str]:
-    """Return the words of the command that repeats the run in *row* of what ``store.present()`` returns."""
+    """Return the words of the command that repeats the run in *row* of what ``store.present()`` returns.
+
+    Raise UserError if there is no such row, or if its experiment was edited since.
+    """
     told = store.description()
     runs = store.present_rows("runs")
     if row >= len(runs):
@@ -332,9 +336,10 @@ def command_of(store: RunStore, row: int) -> list[str]:
     asked = runs.slice(row, 1).to_pylist()[0]
     labels = told.labels[told.configurations.index(asked["configuration"])]
     values = zip(told.axes.items(), labels, strict=True)
-    sets = [*told.given, *(f"{axis.path or name}={value}" for (name, axis), value in values)]
-    experiment = load_experiment(told.source, sets)
-    (arm,) = experiment.arms
+    sets = [*told.given, *(assignment(axis.path or name, value) for (name, axis), value in values)]
+    arm = load_experiment(told.source, sets).arms[0]
+    if arm.configuration != asked["configuration"]:
+        raise UserError(f"{told.source}: was edited since row {row} was made: it has no such arm any more")
     if arm.run is None:
         options = [word for each in sets for word in ("--set", each)]
         return ["cosim", "run", told.source, *options, "--seed", str(asked["seed"])]
@@ -449,8 +454,7 @@ class _Batch:
 
     def named(self, finished: Finished) -> str:
         """Return which run *finished* is."""
-        labels = self._experiment.arms[finished.arm].labels
-        return f"{named(labels)}, seed {self._experiment.seed + finished.replicate}"
+        return _named_run(self._experiment.arms[finished.arm].labels, self._experiment.seed + finished.replicate)
 
     def _columns(self, finished: Finished) -> tuple[Field, ...]:
         """Return the columns that the function of *finished* declares, if a function has made it."""
@@ -506,8 +510,12 @@ def _failures(store: RunStore, told: SweepDescription, wanted: "npt.NDArray[np.b
         arm, replicate = arms[row["configuration"]], row["seed"] - told.seed
         if 0 <= replicate < told.replicates and wanted[arm, replicate]:
             labels = dict(zip(told.axes, told.labels[arm], strict=True))
-            found.append((arm, replicate, f"{named(labels)}, seed {row['seed']}: {row['error']}"))
+            found.append((arm, replicate, f"{_named_run(labels, row['seed'])}: {row['error']}"))
     return tuple(line for _, _, line in sorted(found))
+
+
+def _named_run(labels: Mapping[str, Any], seed: int) -> str:
+    return ", ".join(filter(None, [named(labels), f"seed {seed}"]))
 
 
 def description_of(experiment: Experiment, origins: "Origins", accepted: Sequence[str] = ()) -> SweepDescription:

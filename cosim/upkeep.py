@@ -1,6 +1,7 @@
 """What folders of results hold, and how they are looked after: status, content, damage, merging and pruning."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from time import time
 from typing import Any, Final, NamedTuple
@@ -12,6 +13,10 @@ from cosim.results import RUN, RunStore
 
 LATELY_S: Final = 300.0
 """Span over which ``status`` averages how fast runs are finished."""
+
+
+TRIES: Final = 5
+"""How often one reads parts that another process merges meanwhile."""
 
 
 class Status(NamedTuple):
@@ -81,6 +86,13 @@ def code_of(store: RunStore, start: str) -> str:
 
 def status(store: RunStore) -> Status:
     """Return how far the last sweep into this folder is."""
+    for _ in range(TRIES):
+        with suppress(FileNotFoundError):  # the sweep has merged parts while they were read
+            return _status(store)
+    return _status(store)
+
+
+def _status(store: RunStore) -> Status:
     told = store.description()
     there = int(store.done(told).sum())
     now = time()
@@ -111,8 +123,13 @@ def content(store: RunStore) -> Content:
 
 
 def damaged(store: RunStore) -> list[str]:
-    """Return a line for each file that is not what was written; raise UserError if this is no folder of results."""
+    """Return a line for each file that is not what was written.
+
+    Raise UserError if this is no folder of results, or if a sweep is writing there: its files are half there.
+    """
     store.description()
+    if store.is_being_written():
+        raise UserError(f"{store.folder}: a sweep is writing there: verify it when that has ended")
     return store.parts.damaged()
 
 
@@ -125,6 +142,8 @@ def merge(store: RunStore, others: Sequence[RunStore]) -> int:
     for other, each in zip(others, told, strict=True):
         if (each.experiment, each.configurations) != (told[0].experiment, told[0].configurations):
             raise UserError(f"{other.folder}: is another sweep than {others[0].folder}: other settings or arms")
+        if each.seed != told[0].seed:
+            raise UserError(f"{other.folder}: is another sweep than {others[0].folder}: it begins with another seed")
         strange = {*each.codes} - {*told[0].codes, *told[0].accepted}
         if strange:
             theirs = "; ".join(sorted(each.libraries.get(code, "") for code in strange))

@@ -1,12 +1,11 @@
 import importlib
-import json
 import os
-import shutil
+import random
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,51 +14,35 @@ import pandas as pd
 import pytest
 import yaml
 
-from cosim.cluster import on_cluster
 from cosim.errors import UserError
-from cosim.experiment import Experiment, load_experiment
-from cosim.processes import NO_LIMITS
+from cosim.experiment import Experiment
+from cosim.processes import Limits
 from cosim.results import RunStore
 from cosim.statistics.intervals import student
 from cosim.statistics.stopping import looks
-from cosim.sweep import Choice, Execution, Shard, run_sweep, run_until
-from tests.checkout import DATA
-
-ROBOTS: dict[str, Any] = {
-    "name": "calls",
-    "scenario": {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}},
-    "sweep": {"team.size": [2, 3], "protocol.parameters.calls": [1, 2]},
-    "replicates": 2,
-}
-DELAYS = {
-    "name": "delays",
-    "run": "delays:metrics",
-    "parameters": {"size": 1},
-    "sweep": {"size": [2, 3]},
-    "replicates": 3,
-}
+from cosim.sweep import Asked, Choice, Execution, Finished, Shard, run_sweep, run_until
+from cosim.upkeep import merge
+from tests.sweeps import (
+    DELAYS,
+    OBSERVED,
+    ROBOTS,
+    SLOW,
+    alive,
+    children,
+    command,
+    digest_of,
+    experiment,
+    rows,
+    users_folder,
+    wait_for,
+)
+from tests.tiers import soak_count
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work in a folder that holds a user's own protocol and functions."""
-    for name in ("beacon.py", "delays.py"):
-        shutil.copy(DATA / name, tmp_path)
-    for name in ("beacon", "delays"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    return tmp_path
-
-
-def experiment(plain: dict[str, Any], *sets: str) -> Experiment:
-    path = Path("sweep.yaml")
-    path.write_text(yaml.safe_dump(plain, sort_keys=False))
-    return load_experiment(path, sets)
-
-
-def rows(folder: Path) -> pd.DataFrame:
-    return RunStore(folder).present().drop(columns="wall_s")
+def folder(tmp_path: Path) -> Iterator[Path]:
+    with users_folder(tmp_path):
+        yield tmp_path
 
 
 def test_all_arms_of_a_replicate_share_its_seed(tmp_path: Path):
@@ -172,6 +155,7 @@ def test_the_number_of_jobs_changes_no_row(tmp_path: Path):
     summary = run_sweep(experiment(ROBOTS), tmp_path / "two", jobs=2)
     assert summary.failures == ()
     pd.testing.assert_frame_equal(rows(tmp_path / "two"), rows(tmp_path / "one"))
+    assert digest_of(tmp_path / "two") == digest_of(tmp_path / "one")
 
 
 def test_progress_counts_what_was_there(tmp_path: Path):
@@ -230,58 +214,71 @@ def test_the_guard_takes_errors_but_no_interrupts(monkeypatch: pytest.MonkeyPatc
         execution((0, 0))
 
 
-def _command(*words: str) -> list[str]:
-    return [sys.executable, "-m", "cosim.cli", *words]
-
-
-def _wait_for(condition: Any, seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never happened"
-        time.sleep(0.02)
-
-
-def _alive(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-    return state != "Z"
-
-
 def _heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-SLOW = {"name": "slow", "run": "delays:slow", "parameters": {"wait_s": 0.3}, "replicates": 12}
-
-
-@pytest.mark.slow
-def test_a_killed_sweep_is_finished_by_the_same_command(tmp_path: Path):
-    Path("sweep.yaml").write_text(yaml.safe_dump(SLOW))
-    command = _command("sweep", "sweep.yaml", "--jobs", "2", "-o", "r")
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    _wait_for(lambda: list((tmp_path / "r" / "runs").glob("part-*.parquet")))
-    workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+@pytest.mark.parametrize("kills", [pytest.param(4, marks=pytest.mark.slow), pytest.param(50, marks=pytest.mark.soak)])
+def test_kills_of_a_sweep_and_of_its_workers_change_no_row(
+    tmp_path: Path, kills: int, record_property: Callable[[str, int], None]
+):
+    kills = kills if kills < 10 else soak_count(kills)
+    quick = SLOW | {"parameters": {"wait_s": 0.02}, "replicates": 300 * kills, "run": "delays:slowly_observed"}
+    run_sweep(experiment(quick), tmp_path / "whole", engine=at_once)
+    chance, counts, workers = random.Random(25), {"parent": 0, "worker": 0}, set[int]()
+    process = started()
+    while sum(counts.values()) < kills:
+        if chance.random() < 0.5 or not any(counts.values()):  # otherwise, workers may not have begun yet
+            known = {*Path("r/runs").glob("*")}
+            wait_for(lambda known=known: {*Path("r/runs").glob("*")} - known)
+        time.sleep(chance.uniform(0, 0.5))
+        assert process.poll() is None, "it was to be killed before it ended"
+        there = children(process.pid)
+        workers |= {*there}
+        if chance.random() < 0.5:
+            process.kill()
+            process.wait()
+            process = started()
+            counts["parent"] += 1
+        elif there:
+            os.kill(chance.choice(there), signal.SIGKILL)
+            counts["worker"] += 1
+    workers |= {*children(process.pid)}
     process.kill()
     process.wait()
-    kept = len(rows(tmp_path / "r"))
-    assert 0 < kept < 12
-    again = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert again.stdout == f"12 runs, {kept} of them were there already, in r\n"
-    table = rows(tmp_path / "r")
-    assert table["seed"].tolist() == list(range(1, 13))
-    assert not [path for path in (tmp_path / "r").rglob("*") if path.name.endswith(".part")]
-    _wait_for(lambda: not any(_alive(int(pid)) for pid in workers), 10)
+    wait_for(lambda: not any(map(alive, workers)))
+    assert len(rows(tmp_path / "r")) > 0
+    assert not [path for path in RunStore(tmp_path / "r").parts.damaged() if "is not what" in path]
+    summary = run_sweep(experiment(quick), tmp_path / "r", engine=at_once)
+    assert summary.failures == ()
+    assert digest_of(tmp_path / "r") == digest_of(tmp_path / "whole")
+    assert RunStore(tmp_path / "r").parts.damaged() == []
+    for who, count in counts.items():
+        record_property(f"kills of a {who}", count)
+
+
+def started() -> "subprocess.Popen[bytes]":
+    """Start the sweep, and wait until its workers are there."""
+    words = command("sweep", "sweep.yaml", "--jobs", "2", "-o", "r")
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wait_for(lambda: len(children(process.pid)) == 2 or process.poll() is not None)
+    return process
+
+
+def at_once(execution: Execution, todo: Iterable[Asked], *_: Any) -> Iterator[Finished]:
+    """Make runs in this process, and do not sleep: the oracle of those that were killed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("time.sleep", lambda seconds: None)
+        yield from map(execution, todo)
 
 
 @pytest.mark.slow
 def test_an_interrupted_sweep_ends_with_130_and_keeps_what_is_finished(tmp_path: Path):
     Path("sweep.yaml").write_text(yaml.safe_dump(SLOW))
-    command = _command("sweep", "sweep.yaml", "--jobs", "2", "-o", "r")
+    words = command("sweep", "sweep.yaml", "--jobs", "2", "-o", "r")
     # a shell that runs the tests in the background has them ignore SIGINT, and a process would inherit that
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts)
-    _wait_for(lambda: list((tmp_path / "r" / "runs").glob("part-*.parquet")))
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts)
+    wait_for(lambda: list((tmp_path / "r" / "runs").glob("part-*.parquet")))
     os.kill(process.pid, signal.SIGINT)
     _, complaint = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -289,113 +286,73 @@ def test_an_interrupted_sweep_ends_with_130_and_keeps_what_is_finished(tmp_path:
     assert 0 < len(rows(tmp_path / "r")) < 12
 
 
-# ---------------------------------------------------------------- many machines
-
-
-@pytest.fixture(scope="module")
-def dask_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Give the address of a Dask scheduler with two workers, all processes on loopback in a folder of their own."""
-    distributed = pytest.importorskip("distributed", reason="sweeps on a cluster need the extra cluster")
-    home = tmp_path_factory.mktemp("cluster")
-    for name in ("beacon.py", "delays.py"):
-        shutil.copy(DATA / name, home)
-    told, words = home / "scheduler.json", ("--host", "127.0.0.1", "--no-dashboard", "--scheduler-file")
-    alone = ("--no-nanny", "--nthreads", "1", "--local-directory", str(home))
-    roles = [("dask_scheduler", "--port", "0"), ("dask_worker", *alone), ("dask_worker", *alone)]
-    with (home / "log").open("w") as log:
-        started = [
-            subprocess.Popen(
-                [sys.executable, "-m", f"distributed.cli.{role}", *words, str(told), *more], cwd=home, stderr=log
-            )
-            for role, *more in roles
-        ]
-    try:
-        _wait_for(lambda: told.is_file() and told.read_text().endswith("}"))
-        address = str(json.loads(told.read_text())["address"])
-        with distributed.Client(address, set_as_default=False) as client:
-            client.wait_for_workers(2, 60)
-        yield address
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
+# ---------------------------------------------------------------- limits, failures, shards
 
 
 @pytest.mark.slow
-def test_the_workers_of_a_cluster_give_the_rows_of_one_process(tmp_path: Path, dask_address: str):
-    Path("hall.yaml").write_text(yaml.safe_dump({"bounds_m": [0, 0, 9, 4]}))  # the workers stand in another folder
-    robots = experiment(ROBOTS | {"scenario": {**ROBOTS["scenario"], "floorplan": {"map": "hall.yaml"}}})
-    run_sweep(robots, tmp_path / "one", jobs=1)
-    with on_cluster(dask_address) as engine:
-        assert run_sweep(robots, tmp_path / "many", engine=engine).failures == ()
-    pd.testing.assert_frame_equal(rows(tmp_path / "many"), rows(tmp_path / "one"))
+def test_limits_hold_with_one_process_and_are_no_part_of_the_key(tmp_path: Path):
+    plain = SLOW | {"replicates": 1, "sweep": {"wait_s": [0.01, 60]}}
+    summary = run_sweep(experiment(plain), tmp_path / "r", jobs=1, choice=Choice(limits=Limits(0.5)))
+    assert summary.failures == ("wait_s=60, seed 1: TimeoutError: took more than 0.5 s",)
+    again = run_sweep(experiment(plain), tmp_path / "r", jobs=1)
+    assert (again.resumed, again.failures) == (2, summary.failures)
 
 
-@pytest.mark.slow
-def test_an_interrupt_leaves_the_cluster_nothing_to_do(tmp_path: Path, dask_address: str):
-    def interrupt(done: int, total: int, failed: int) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
-    slow = experiment(SLOW | {"replicates": 1000})
-    with pytest.raises(KeyboardInterrupt), on_cluster(dask_address) as engine:
-        run_sweep(slow, tmp_path / "r", engine=engine, progress=interrupt)
-    assert len(rows(tmp_path / "r")) == 2
-    distributed = pytest.importorskip("distributed")
-
-    def idle() -> bool:
-        try:
-            with distributed.Client(dask_address, set_as_default=False) as client:
-                return not any(client.processing().values())
-        except AssertionError:  # distributed's own, while the scheduler is busy with what was cancelled
-            return False
-
-    _wait_for(idle)  # two workers would take 150 s
+def test_a_run_that_leaves_its_process_is_a_row(tmp_path: Path):
+    summary = run_sweep(experiment(SLOW | {"run": "delays:leaving", "replicates": 3}), tmp_path / "r", jobs=1)
+    assert summary.failures == ("seed 1: SystemExit: as a script does",)
+    assert rows(tmp_path / "r")["status"].tolist() == ["failed", "done", "done"]
 
 
-@pytest.mark.slow
-def test_a_busy_scheduler_is_asked_again(monkeypatch: pytest.MonkeyPatch, dask_address: str):
-    distributed = pytest.importorskip("distributed")
-    client, fails = distributed.Client, [2]
+BREAKS_ONCE = """
+from pathlib import Path
+from cosim.experiment import experiment_function
 
-    def asked(*given: Any, **named: Any) -> Any:
-        fails[0] -= 1
-        assert fails[0] < 0
-        return client(*given, **named)
-
-    monkeypatch.setattr(distributed, "Client", asked)
-    with on_cluster(dask_address) as engine:
-        assert len(list(engine(Execution({}, 1), [], 0, lambda: None, NO_LIMITS))) == 0
-    fails[0] = 100
-    with pytest.raises(UserError, match="the scheduler is too busy to answer"), on_cluster(dask_address):
-        pass
+@experiment_function
+def breaks(parameters, seed):
+    if seed > 1 and not Path("mended").exists():
+        raise RuntimeError("not yet")
+    return {"delay_s": float(seed)}
+"""
 
 
-@pytest.mark.slow
-def test_a_worker_with_other_code_is_refused_by_name(tmp_path: Path, dask_address: str):
-    source = tmp_path / "delays.py"
-    source.write_text(source.read_text().replace("* 0.5", "* 0.25"))
-    pattern = r"^a worker on \S+ has others than the sweep began with: delays$"
-    with pytest.raises(UserError, match=pattern), on_cluster(dask_address) as engine:
-        run_sweep(experiment(DELAYS), tmp_path / "r", engine=engine)
-    assert len(rows(tmp_path / "r")) == 0
+@pytest.fixture
+def breaking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    (tmp_path / "breaking.py").write_text(BREAKS_ONCE)
+    monkeypatch.delitem(sys.modules, "breaking", raising=False)
+    return {"name": "breaking", "run": "breaking:breaks", "replicates": 3}
 
 
-def test_what_a_cluster_needs_and_lacks_is_told(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("cosim.installed.find_spec", lambda name: None)
-    told = r"^sweeps on a cluster need what is not installed here: pip install 'distributed>=2024.8'$"
-    with pytest.raises(UserError, match=told), on_cluster("127.0.0.1:1"):
-        pass
+def test_runs_that_failed_are_made_again_if_one_asks(tmp_path: Path, breaking: dict[str, Any]):
+    assert len(run_sweep(experiment(breaking), tmp_path / "r", jobs=1).failures) == 2
+    Path("mended").touch()
+    assert len(run_sweep(experiment(breaking), tmp_path / "r", jobs=1).failures) == 2
+    summary = run_sweep(experiment(breaking), tmp_path / "r", jobs=1, choice=Choice(retry_failed=True))
+    assert (summary.resumed, summary.failures) == (1, ())
+    assert rows(tmp_path / "r")["delay_s"].tolist() == [1, 2, 3]
+    assert len(RunStore(tmp_path / "r").read()) == 3
 
 
-@pytest.mark.slow
-def test_an_address_where_no_scheduler_answers_is_told(monkeypatch: pytest.MonkeyPatch):
-    pytest.importorskip("distributed", reason="sweeps on a cluster need the extra cluster")
-    monkeypatch.setattr("cosim.cluster.WAIT_S", 0.2)
-    for address in ("127.0.0.1:1", "nothing://", ""):
-        told = f"^--dask {address}: no Dask scheduler answers there: "
-        with pytest.raises(UserError, match=told), on_cluster(address):
-            pass
+def test_a_sweep_ends_with_the_first_failure_if_one_asks(tmp_path: Path, breaking: dict[str, Any]):
+    told = r"^seed 2: RuntimeError: not yet; --fail-fast ends the sweep with it$"
+    with pytest.raises(UserError, match=told):
+        run_sweep(experiment(breaking), tmp_path / "r", jobs=1, choice=Choice(fail_fast=True))
+    assert rows(tmp_path / "r")["status"].tolist() == ["done", "failed"]
+
+
+@pytest.mark.parametrize("plain", [OBSERVED, DELAYS, ROBOTS | {"replicates": 4}], ids=lambda plain: plain["name"])
+@pytest.mark.parametrize("of", [2, 3])
+def test_shards_that_are_merged_are_the_whole_sweep(tmp_path: Path, plain: dict[str, Any], of: int):
+    run_sweep(experiment(plain), tmp_path / "whole", jobs=1)
+    runs = 0
+    for number in range(1, of + 1):
+        folder = tmp_path / f"shard{number}"
+        runs += run_sweep(experiment(plain), folder, jobs=1, choice=Choice(Shard(number, of))).runs
+    assert runs == len(rows(tmp_path / "whole"))
+    shards = [RunStore(tmp_path / f"shard{number}") for number in range(1, of + 1)]
+    assert merge(RunStore(tmp_path / "merged"), shards) == runs
+    assert digest_of(tmp_path / "merged") == digest_of(tmp_path / "whole")
+    assert run_sweep(experiment(plain), tmp_path / "merged", jobs=1).resumed == runs
 
 
 # ---------------------------------------------------------------- until means are precise

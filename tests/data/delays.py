@@ -24,3 +24,18 @@ def slow(parameters, seed):
     """Return metrics after a while."""
     time.sleep(parameters["wait_s"])
     return {"delay_s": float(seed)}
+
+
+@experiment_function
+def slowly_observed(parameters, seed):
+    """Return two rows after a while."""
+    time.sleep(parameters["wait_s"])
+    return [{"robot": robot, "slots": 2 * robot + seed} for robot in range(2)]
+
+
+@experiment_function
+def leaving(parameters, seed):
+    """Leave the process with the first seed."""
+    if seed == 1:
+        raise SystemExit("as a script does")
+    return {"delay_s": float(seed)}
