@@ -1,8 +1,9 @@
 """What sweeps cost beside their runs: ``python -m benchmarks.sweeps``, which ``make bench`` runs too.
 
-Each figure is measured in processes of their own, from the first run that is finished to the last, by the clock: starting
-processes is no part of it. The median of three rounds counts, but of memory, which is measured once: 100,000 runs that do
-nothing take about a minute. Nothing here asserts anything; a figure that misses what it was meant to keep is marked.
+Each figure is measured in processes of their own, from the first run that is finished to the last, by the clock:
+starting processes is no part of it. The median of three rounds counts, but of memory, which is measured once: 100,000
+runs that do nothing take about a minute. Nothing here asserts anything; a figure that misses what it was meant to keep
+is marked.
 """
 
 import json

@@ -412,7 +412,7 @@ def test_sweep_resumes_and_report_reads(cosim: Any, tmp_path: Path):
         cosim("sweep", "sweep.yaml", "--jobs", "1").out == "4 runs, 0 of them were there already, in results/delays\n"
     )
     ended = cosim("sweep", "sweep.yaml", "--jobs", "1", "--replicates", "3", "--json")
-    assert json.loads(ended.out) == {"folder": "results/delays", "runs": 6, "resumed": 4, "failures": []}
+    assert json.loads(ended.out) == {"folder": "results/delays", "runs": 6, "resumed": 4, "failures": [], "lacking": 0}
     assert len(RunStore(tmp_path / "results" / "delays").present()) == 6
 
 
