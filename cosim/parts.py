@@ -103,7 +103,9 @@ class Parts:
         digest = name and name[part.parent.name]
         try:
             if digest in (None, _digest(data)[:16]):
-                table = pq.read_table(io.BytesIO(data), columns=columns, page_checksum_verification=True)
+                # a part is small, and Arrow's threads, one of them still at work, would abort a process that ends
+                quietly = {"use_threads": False, "pre_buffer": False}
+                table = pq.read_table(io.BytesIO(data), columns=columns, page_checksum_verification=True, **quietly)
                 if table.column_names:
                     return table
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:

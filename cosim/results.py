@@ -33,7 +33,7 @@ from cosim.documents import validated
 from cosim.errors import UserError
 from cosim.parts import KEY_NAMES, MINUTE_S, Parts, fitting
 from cosim.protocol import Metric
-from cosim.settings import Count, PlainData, Settings
+from cosim.settings import Count, PlainData, Seed, Settings
 from cosim.trace import Field, arrow_field, drafted
 
 if sys.platform == "win32":
@@ -124,7 +124,7 @@ class SweepDescription(Settings):
     report: ReportSettings
     given: tuple[str, ...] = ()
     """What ``--quick`` and ``--set`` have changed, as ``path=value``."""
-    seed: int = 1
+    seed: Seed = 1
     """Of the first replicate."""
     configurations: tuple[str, ...]
     """Of the arms, in their order."""
@@ -333,7 +333,7 @@ class RunStore:
 
         Raise UserError for a part that is damaged, as ``done`` and ``units`` do.
         """
-        frame: pd.DataFrame = self.rows(table).to_pandas()
+        frame: pd.DataFrame = self.rows(table).to_pandas(use_threads=False)
         return frame
 
     def present(self, table: str = "runs") -> "pd.DataFrame":
@@ -341,7 +341,7 @@ class RunStore:
 
         Columns that none of them has a value in are left out.
         """
-        frame: pd.DataFrame = self.present_rows(table).to_pandas()
+        frame: pd.DataFrame = self.present_rows(table).to_pandas(use_threads=False)
         return frame
 
     def rows(self, table: str) -> Any:

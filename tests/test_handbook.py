@@ -42,6 +42,9 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    for name, module in list(sys.modules.items()):  # what other tests have loaded of the examples is not the reader's
+        if (getattr(module, "__file__", None) or "").startswith(str(ROOT / "examples")):
+            monkeypatch.delitem(sys.modules, name)
     known = set(sys.modules)
     yield tmp_path
     for name in set(sys.modules) - known:

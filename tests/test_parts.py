@@ -407,6 +407,7 @@ def refused(made: Callable[[], Any]) -> bool:
 def test_damage_is_refused_or_made_good_and_never_read_as_another_result(
     tmp_path: Path, count: int, record_property: Callable[[str, int], None]
 ):
+    count = soak_count(count) if count > 40 else count
     with users_folder(tmp_path):
         asked = experiment(OBSERVED)
         run_sweep(experiment(OBSERVED | {"replicates": 2}), Path("r"), jobs=1)
@@ -415,7 +416,7 @@ def test_damage_is_refused_or_made_good_and_never_read_as_another_result(
         whole = digest_of(Path("r"))
         lines = set(whole.splitlines())
         kinds = {"refused": 0, "made good": 0, "harmless": 0}
-        for damage in damages(Path("r"), soak_count(count) if count > 40 else count):
+        for damage in damages(Path("r"), count):
             shutil.rmtree("copy", ignore_errors=True)
             shutil.copytree("r", "copy")
             what = damage(Path("copy"))

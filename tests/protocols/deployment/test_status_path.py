@@ -68,6 +68,7 @@ protocol:
 
     def watched(robot: Runner, data: bytes, reception: Reception, now: Time) -> None:
         body = decode(data).body
+        decode.cache_clear()  # a frame that another robot has understood is not read again
         with traced() as files:
             receive(robot, data, reception, now)
         if isinstance(body, Publication) and body.topic == status.TOPIC:
