@@ -20,7 +20,7 @@ import hashlib
 import io
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TypeAlias
@@ -95,19 +95,30 @@ class Parts:
 
     def read(self, part: Path, columns: Sequence[str] | None = None) -> Any:
         """Return the Arrow table in *part*; raise UserError if that is damaged."""
-        import pyarrow as pa
         import pyarrow.parquet as pq
+
+        # a part is small, and Arrow's threads, one of them still at work, would abort a process that ends
+        how = {"use_threads": False, "pre_buffer": False, "page_checksum_verification": True}
+        return self._checked(part, lambda file: pq.read_table(file, columns=columns, **how))
+
+    def schema(self, part: Path) -> Any:
+        """Return the Arrow schema of *part*; raise UserError if that is damaged."""
+        import pyarrow.parquet as pq
+
+        return self._checked(part, pq.read_schema)
+
+    def _checked(self, part: Path, read: Callable[[io.BytesIO], Any]) -> Any:
+        """Return what *read* finds in the bytes of *part*, if they are those that were written."""
+        import pyarrow as pa
 
         data = part.read_bytes()
         name = _NAME.fullmatch(part.name)
         digest = name and name[part.parent.name]
         try:
             if digest in (None, _digest(data)[:16]):
-                # a part is small, and Arrow's threads, one of them still at work, would abort a process that ends
-                quietly = {"use_threads": False, "pre_buffer": False}
-                table = pq.read_table(io.BytesIO(data), columns=columns, page_checksum_verification=True, **quietly)
-                if table.column_names:
-                    return table
+                found = read(io.BytesIO(data))
+                if len(getattr(found, "column_names", found)):
+                    return found
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             if isinstance(error, OSError) and error.errno is not None:  # the system's word, not Arrow's
                 raise
@@ -130,16 +141,6 @@ class Parts:
             if new and (table == "runs" or file.is_file()):
                 yield _only(self.read(file), new, seen)
             seen |= new
-
-    def schema(self, part: Path) -> Any:
-        """Return the Arrow schema of *part*; raise UserError if that cannot be read."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        try:
-            return pq.read_schema(part)
-        except (pa.ArrowException, OSError, UnicodeDecodeError):
-            return self.read(part).schema  # or what is wrong
 
     # ------------------------------------------------------------ writing
 
