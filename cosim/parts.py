@@ -11,9 +11,9 @@ runs: a run whose row is there is there whole. Observations without runs (the pr
 whose observations are gone are ignored and cleared away.
 
 All parts of a table have one schema: any reader takes the folder as it is. When a column is added, or needs another
-type, the parts that are there are written anew before anything else is. Parts of one minute are merged into one. In
-both cases the new part is on the disk before the old ones go: a run may be in two parts if the process was killed in
-between, and the first counts.
+type, the parts that are there are written anew before anything else is. Parts of one minute are merged into one, or
+into several of ``MOST_ROWS`` runs. In both cases the new part is on the disk before the old ones go: a run may be in
+two parts if the process was killed in between, and the first counts.
 """
 
 import hashlib
@@ -38,6 +38,8 @@ KEY_NAMES: Final = ("configuration", "seed", "code")
 """The columns of a key."""
 MINUTE_S: Final = 60.0
 """Parts that were written within the same such span are merged."""
+MOST_ROWS: Final = 4000
+"""Number of runs that parts are merged up to: a sweep looks at parts one by one, and so never holds more than that."""
 
 _NAME: Final = re.compile(r"part-(?P<number>\d+)-(?P<runs>[0-9a-f]{16})(?:-(?P<observations>[0-9a-f]{16}))?\.parquet")
 """The name of a part: the digests of its runs and of its observations. Those of older programs tell none."""
@@ -128,8 +130,11 @@ class Parts:
 
     def keys(self, part: Path) -> list[Key]:
         """Return the keys of the runs in *part*, a file of ``runs``, row by row."""
-        columns = self.read(part, list(KEY_NAMES))
-        return list(zip(*(columns[name].to_pylist() for name in KEY_NAMES), strict=True))
+        return _keys_of(self.read(part, list(KEY_NAMES)))
+
+    def _rows(self, part: Path) -> int:
+        """Return how many runs *part* holds; raise UserError if that is damaged."""
+        return len(self.read(part, ["seed"]))
 
     def tables(self, table: str) -> Iterator[Any]:
         """Yield the rows of *table* part by part, as Arrow tables: those of each run once."""
@@ -223,14 +228,32 @@ class Parts:
 
     def merge_minutes(self, columns: Mapping[str, Sequence[Field]], before_s: float = float("inf")) -> None:
         """Merge the parts of each minute that ended before *before_s*, a time of the computer's clock."""
+        import pyarrow as pa
+
         minutes: dict[float, list[Path]] = {}
         for part in self.whole():
             minutes.setdefault(part.stat().st_mtime // MINUTE_S, []).append(part)
         for minute, parts in minutes.items():
             if len(parts) > 1 and (minute + 1) * MINUTE_S <= before_s:
                 for alike in self._of_one_making(parts):
-                    if len(alike) > 1:
-                        self.merge(alike, columns)
+                    for few in self._with_few_rows(alike):
+                        if len(few) > 1:
+                            self.merge(few, columns)
+                            pa.default_memory_pool().release_unused()  # it would keep it for the rest of a sweep
+
+    def _with_few_rows(self, parts: Iterable[Path]) -> Iterator[list[Path]]:
+        """Yield *parts* in groups of consecutive ones that have ``MOST_ROWS`` runs together, or fewer."""
+        group: list[Path] = []
+        rows = 0
+        for part in parts:
+            more = self._rows(part)
+            if group and rows + more > MOST_ROWS:
+                yield group
+                group, rows = [], 0
+            group.append(part)
+            rows += more
+        if group:
+            yield group
 
     def _of_one_making(self, parts: Iterable[Path]) -> list[list[Path]]:
         """Return *parts* in groups that tell the same of where they come from: settings, versions, commit."""
@@ -307,9 +330,19 @@ def fitting(folder: Path) -> Any:
         raise UserError(f"{folder}: the parts do not fit together, expected a folder for each sweep: {error}") from None
 
 
+def _keys_of(table: Any) -> list[Key]:
+    """Return the key of each row of *table*; equal digests are one string, for a sweep has few and many rows of each."""
+    shared: dict[str, str] = {}
+    columns = [table[name].to_pylist() for name in KEY_NAMES]
+    return [
+        (shared.setdefault(configuration, configuration), seed, shared.setdefault(code, code))
+        for configuration, seed, code in zip(*columns, strict=True)
+    ]
+
+
 def _only(table: Any, new: set[Key], seen: set[Key]) -> Any:
     """Return the rows of *table* whose keys are *new*: all, unless some are in *seen*."""
-    keys = list(zip(*(table[name].to_pylist() for name in KEY_NAMES), strict=True)) if seen else []
+    keys = _keys_of(table) if seen else []
     if not seen or all(key in new for key in keys):
         return table
     return table.filter([key in new for key in keys])

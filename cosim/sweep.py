@@ -52,6 +52,8 @@ Asked: TypeAlias = tuple[int, int]
 
 BATCH_S: Final = 1.0
 """Runs shorter than this are written together, as soon as one finishes this long after the last writing."""
+BATCH_RUNS: Final = 1000
+"""So many finished runs are written even earlier: they would fill the memory."""
 
 _SET_UP: Final[Any] = {"floorplan": True, "team": True, "channel": True, "protocol": {"use": True}}
 """What of a scenario decides whether its runs can be set up, and which metrics they have."""
@@ -438,7 +440,8 @@ class _Batch:
     def add(self, finished: Finished) -> None:
         """Take a finished run, and write the batch if it has waited long enough."""
         self._waiting.append(finished)
-        if max(finished.wall_s, monotonic() - self._written) >= BATCH_S:
+        waited_s = max(finished.wall_s, monotonic() - self._written)
+        if waited_s >= BATCH_S or len(self._waiting) >= BATCH_RUNS:
             self.flush()
 
     def flush(self) -> None:

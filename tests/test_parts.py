@@ -83,6 +83,20 @@ def test_a_minute_that_has_not_ended_is_left_alone(parts: Parts):
     assert len(parts.whole()) == 1
 
 
+def test_a_minute_with_many_runs_is_merged_into_parts_that_fit_into_memory(
+    parts: Parts, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("cosim.parts.MOST_ROWS", 3)
+    for seed in range(1, 8):
+        os.utime(added(parts, seed, robots=seed), (0, 0))
+    parts.merge_minutes(COLUMNS)
+    assert [each["seed"].to_pylist() for each in parts.tables("runs")] == [[7], [1, 2, 3], [4, 5, 6]]
+    assert sorted(seeds(parts, "observations")) == [seed for seed in range(1, 8) for _ in range(seed)]
+    before = parts.whole()
+    parts.merge_minutes(COLUMNS)
+    assert parts.whole() == before  # nothing is written twice
+
+
 def test_parts_that_tell_different_origins_are_not_merged(parts: Parts):
     for seed, commit in ((1, "a"), (2, "b"), (3, "a")):
         part = parts.add({"runs": table_of([run(seed)], COLUMNS["runs"], {"commit": commit})})
