@@ -15,11 +15,12 @@ from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.ideal import IdealChannel
 from cosim.channels.vision import OpticalChannel
 from cosim.faults.events import EVENTS as FAULT_EVENTS
+from cosim.intervals import STATES
 from cosim.protocol import Metric, ProtocolSpec
 from cosim.results import FIXED, OBSERVATION_FIXED
 from cosim.scenario import protocol_names, protocol_spec
 from cosim.simulation import METRICS
-from cosim.trace import TABLES, TRANSMISSIONS, Field, event_fields, events_table
+from cosim.trace import TABLES, Field, event_fields, events_table
 
 CHANNELS: Final[dict[str, type[Channel]]] = {
     "ideal": IdealChannel,
@@ -46,7 +47,9 @@ def page(specs: Sequence[ProtocolSpec]) -> str:
         _metrics(METRICS),
         *(f"### Metrics of the channel {name}\n\n{_metrics(channel.metrics)}" for name, channel in CHANNELS.items()),
         "## What `cosim run --trace` writes\n",
-        *(_section(table.name, table.meaning, table.fields) for table in (*TABLES.values(), TRANSMISSIONS)),
+        *(_section(table.name, table.meaning, table.fields) for table in TABLES.values()),
+        "States of intervals:\n",
+        _grid(("state", "meaning"), ((f"`{state}`", meaning) for state, meaning in STATES.items())),
         _section("events", "what machines report; the columns of the protocol's event types follow", _EVERY_EVENT),
         "Faults that a scenario schedules stand there too:\n",
         *map(_fault, FAULT_EVENTS),

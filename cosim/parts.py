@@ -331,7 +331,7 @@ def fitting(folder: Path) -> Any:
 
 
 def _keys_of(table: Any) -> list[Key]:
-    """Return the key of each row of *table*; equal digests are one string, for a sweep has few and many rows of each."""
+    """Return the key of each row of *table*; equal digests are one string: a sweep has few, and many rows of each."""
     shared: dict[str, str] = {}
     columns = [table[name].to_pylist() for name in KEY_NAMES]
     return [

@@ -33,7 +33,7 @@ from cosim.experiment import Experiment, find_experiment, is_experiment, load_ex
 from cosim.results import versions
 from cosim.scenario import Scenario, load
 from cosim.simulation import NO_OUTCOME, Simulation
-from cosim.trace import LINKS, MESSAGES, TABLES, Trace, drafted
+from cosim.trace import CALLS, FRAMES, LINKS, MESSAGES, POSES, UNSENT, Trace, drafted
 from cosim.units import S, Time
 
 COLUMNS: Final = ("scenario", "arm", "seed", "what", "name", "second", "count", "value")
@@ -68,14 +68,16 @@ Pin: TypeAlias = dict[Fact, Value]
 """All rows of a run."""
 Told: TypeAlias = Callable[[int, int], None]
 """(runs that are made, all runs): what shows progress."""
+PINNED: Final = (POSES, FRAMES, MESSAGES, LINKS, UNSENT, CALLS)
+"""The tables of cosim whose rows are pinned, beside the protocol's events. What others tell follows from the same."""
 
 
 # ---------------------------------------------------------------- making pins
 
 
 def pin_of(scenario: Scenario, seed: int) -> Pin:
-    """Run *scenario* with *seed*, all tables on, and return what is pinned of it."""
-    simulation = Simulation(scenario, seed, tuple(TABLES.values()))
+    """Run *scenario* with *seed*, these tables on, and return what is pinned of it."""
+    simulation = Simulation(scenario, seed, PINNED)
     outcome = simulation.run()
     trace = outcome.trace
     pin: Pin = {Fact("digest"): (None, trace.digest())}

@@ -305,6 +305,7 @@ class Simulation:
         now = self.kernel.now
         simulated_s = to_seconds(now)
         self.channel.advance(now)
+        self.channel.close(now)
         for death in self.faults.deaths(run_is_over=True):
             self.referee.died(death)
         metrics = {

@@ -40,7 +40,7 @@ class Field(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table's name, meaning and columns; the first two columns are always ``time_ns`` and ``source``."""
+    """A table's name, meaning and columns; the first two are the time of a row and the robot that it is about."""
 
     name: str
     meaning: str
@@ -81,18 +81,48 @@ FRAMES: Final = Table(
 )
 TRANSMISSIONS: Final = Table(
     "transmissions",
-    "what 802.11 radios put on the air, a row a frame whoever hears it; kept only for captures (--pcapng)",
+    "frames on the air, a row a frame, whoever hears it",
     (
         Field("time_ns", "int", "ns", "start of the frame"),
         Field("source", "int", "", "transmitter"),
         Field("kind", "str", "", "packet type"),
         Field("destination", "int", "", "receiver; -1 for all"),
-        Field("reserves_ns", "int", "ns", "from its end on, for so long the others are to be silent"),
-        Field("number", "int", "", "sequence number of the DATA that it is about"),
-        Field("retry", "bool", "", "whether it is DATA that has been on the air before"),
-        Field("routed", "bool", "", "whether its body is a router's IPv4 packet, not a payload as it is"),
+        Field("reserves_ns", "int", "ns", "802.11: from its end on, for so long the others are to be silent"),
+        Field("number", "int", "", "802.11: sequence number of the DATA that it is about"),
+        Field("retry", "bool", "", "whether its payload has been on the air before"),
+        Field("routed", "bool", "", "802.11: whether its body is a router's IPv4 packet, not a payload as it is"),
         Field("whole", "bool", "", "whether its sender was on to its end"),
-        Field("body", "str", "", "what DATA carries, hexadecimal"),
+        Field("body", "str", "", "what it carries, hexadecimal"),
+        Field("duration_ns", "int", "ns", "air time"),
+        Field("channel", "int", "", "RF channel k, 2402 + k MHz; -1 where a channel has none"),
+        Field("lt_addr", "int", "", "logical transport address; 0 for broadcasts and outside of a piconet"),
+        Field("length", "int", "B", "user payload"),
+    ),
+)
+RECEPTIONS: Final = Table(
+    "receptions",
+    "what became of a transmission at a robot, a row for each that it was meant for, and each other that it disturbed "
+    "or informed",
+    (
+        Field("time_ns", "int", "ns", "start of the frame"),
+        Field("source", "int", "", "transmitter"),
+        Field("receiver", "int", "", "the robot that may have heard it"),
+        Field("power_dbm", "float", "dBm", "power that arrived; empty where a channel knows none", optional=True),
+        Field("sinr_db", "float", "dB", "least ratio to noise and interference; empty where none", optional=True),
+        Field("outcome", "str", "", "what became of it there, as in frames"),
+        Field("part", "str", "", "the part that failed first: access_code, header or payload; empty if none did"),
+    ),
+)
+INTERVALS: Final = Table(
+    "intervals",
+    "what robots and their radios were doing, a row an interval; a robot may be in several at a time",
+    (
+        Field("start_ns", "int", "ns", "simulated time at which it began"),
+        Field("robot", "int", "", "address of the robot; -1 for a jammer"),
+        Field("end_ns", "int", "ns", "simulated time at which it was over, or the run"),
+        Field("radio", "int", "", "which of its radios; -1 for the robot itself"),
+        Field("state", "str", "", "what it was doing, as listed below"),
+        Field("detail", "str", "", "more about it, as words name=value"),
     ),
 )
 UNSENT: Final = Table(
@@ -140,7 +170,9 @@ CALLS: Final = Table(
         Field("detail", "str", "", "arguments and result, for people"),
     ),
 )
-TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, LINKS, UNSENT, CALLS)}
+TABLES: Final = {
+    table.name: table for table in (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT, CALLS)
+}
 
 
 def events_table(types: Iterable[type]) -> Table:
@@ -242,7 +274,7 @@ class Trace:
         fields = self.tables[name].fields
         arrays = [pa.array(c, type=ARROW[f.kind]) for f, c in zip(fields, self._columns[name], strict=True)]
         table = pa.table(arrays, schema=pa.schema([arrow_field(field) for field in fields], dict(metadata or {})))
-        return table.sort_by(_TIME.name)  # a stable sort; a frame is appended when it ends and tells when it began
+        return table.sort_by(fields[0].name)  # a stable sort; a frame is appended when it ends and tells when it began
 
     def digest(self, names: Iterable[str] | None = None) -> str:
         """Return a SHA-256 of the rows of the tables *names* (default: all), by (time, table, source, sequence)."""
@@ -268,6 +300,9 @@ class Trace:
         return paths
 
 
+_FIRST_COLUMNS: Final = [[_TIME.name, _SOURCE.name], [field.name for field in INTERVALS.fields[:2]]]
+
+
 class StoredTable:
     """A table of an earlier run as :meth:`Trace.write` has written it, its rows in the order of time."""
 
@@ -280,9 +315,9 @@ class StoredTable:
             table = pq.read_table(path)
         except (pa.ArrowException, OSError) as error:
             raise UserError(f"{path}: cannot be read as Parquet: {error}") from None
-        if table.column_names[:2] != [_TIME.name, _SOURCE.name]:
+        if table.column_names[:2] not in _FIRST_COLUMNS:
             raise UserError(f"{path}: is no table of a trace")
-        self._table = table.sort_by(_TIME.name)  # a stable sort: rows of one instant keep their order
+        self._table = table.sort_by(table.column_names[0])  # a stable sort: rows of one instant keep their order
         self.names: list[str] = table.column_names
         self.metadata = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
 

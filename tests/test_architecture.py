@@ -18,7 +18,7 @@ LINES = (
     "units errors arrays caches sources processes jit elementary installed page",
     "randomness settings geometry documents statistics",
     "observation machine protocol navigation",
-    "trace kernel",
+    "trace intervals kernel",
     "world",
     "robots channels",
     "node faults scenario simulation columns parts results upkeep experiment sweep cluster",

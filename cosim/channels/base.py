@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Final, Protocol, TypeAlias
 
 import numpy as np
 
+from cosim.intervals import Interval, Intervals
 from cosim.kernel import Kernel
 from cosim.machine import Address, LinkCommand, LinkEvent, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
@@ -53,6 +54,8 @@ class Channel(ABC):
         self.kernel = kernel
         self.trace = trace
         self.size = size
+        self.intervals = Intervals(trace)
+        """What its radios are doing, if the trace wants that."""
         self.endpoints: dict[Address, Endpoint] = {}
         self._unsent: Counter[tuple[Address, Outcome]] = Counter()
 
@@ -95,6 +98,14 @@ class Channel(ABC):
     @abstractmethod
     def power(self, address: Address, on: bool) -> None:
         """Switch the radio at *address* on or off."""
+
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return what its radios are doing *now*, for who watches a run."""
+        return self.intervals.under_way(now)
+
+    def close(self, now: Time) -> None:
+        """Write the intervals that are not over: the run is."""
+        self.intervals.close(now)
 
     def summary(self) -> dict[str, float]:
         """Return what the channel counted, by metric name."""

@@ -25,20 +25,22 @@ from cosim.channels.kinds import (
     channel_spec,
 )
 from cosim.errors import LocalProtocolError
+from cosim.intervals import Interval
 from cosim.kernel import Kernel
 from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.settings import error_at
-from cosim.trace import FRAMES, TRANSMISSIONS, UNSENT, Table, Trace
+from cosim.trace import FRAMES, INTERVALS, RECEPTIONS, TRANSMISSIONS, UNSENT, Table, Trace
 from cosim.trace import Field as Column
 from cosim.units import Time
 
 _PAYLOAD_BYTES: Final = Metric("payload_bytes", "B", "bytes of the payloads that hosts have sent")
 RADIO: Final = Column("radio", "int", "", "which of the robots' radios")
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
-OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name, UNSENT.name)
-"""Tables whose rows have the number of a radio."""
+OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name, RECEPTIONS.name, UNSENT.name)
+"""Tables whose rows have the number of a radio if there are several."""
+_RADIO_AT: Final = [field.name for field in INTERVALS.fields].index(RADIO.name)
 
 
 def _one_radio(value: Any) -> ChannelSettings:
@@ -97,6 +99,8 @@ class RadioTrace(Trace):
         """Append a row."""
         if table.name in OF_RADIOS:
             values = (*values, self._radio)
+        elif table.name == INTERVALS.name:
+            values = (*values[:_RADIO_AT], self._radio, *values[_RADIO_AT + 1 :])
         self._whole.row(table, *values)
 
     def event(self, time: int, source: int, event: Any) -> None:
@@ -204,6 +208,16 @@ class RadiosChannel(Channel):
         """Switch all radios that the robot *address* has on or off."""
         for radio in self._carried[address]:
             self._parts[radio].power(address, on)
+
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return what all radios are doing *now*, each interval with its radio's number."""
+        of_each = enumerate(part.under_way(now) for part in self._parts)
+        return [interval._replace(radio=radio) for radio, intervals in of_each for interval in intervals]
+
+    def close(self, now: Time) -> None:
+        """Write the intervals of all radios that are not over."""
+        for part in self._parts:
+            part.close(now)
 
     # ------------------------------------------------------------ counts
 

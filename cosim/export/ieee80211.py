@@ -59,6 +59,10 @@ class Sent(NamedTuple):
     routed: bool
     whole: bool
     body: str
+    duration: Time = 0
+    channel: int = -1
+    lt_addr: int = 0
+    length: int = 0
 
 
 def interface(robot: Address, radio: int, name: str) -> Interface:

@@ -299,7 +299,8 @@ class AdhocChannel(IdealChannel):
         if self._transmissions_wanted:
             kind, routed, body = KINDS[report.kind], self._forwarding is not None, packet.payload if packet else b""
             sent = kind, report.destination, report.reserves, report.number, report.again, routed, report.right
-            self.trace.row(TRANSMISSIONS, report.begin, report.source, *sent, body.hex())
+            of_frame = report.duration, -1, 0, len(body)
+            self.trace.row(TRANSMISSIONS, report.begin, report.source, *sent, body.hex(), *of_frame)
 
     def _row(self, report: Report, packet: Packet | None, receiver: Address, outcome: str) -> None:
         length = 0 if packet is None else len(packet.payload)

@@ -1,0 +1,72 @@
+"""What radios and hosts are doing, as rows of the table ``intervals``: inquiry, back-off, a link, a crash.
+
+A model that knows an interval only when it is over adds the whole row; one that knows its beginning opens it, so that
+who watches a run under way sees it too. Rows come in the order in which intervals end, or later: a model that skips
+ahead tells of what was in between when it comes to it. Nothing is kept, and nothing costs, unless the trace wants it.
+"""
+
+from typing import Final, NamedTuple
+
+from cosim.machine import Address
+from cosim.trace import INTERVALS, Trace
+from cosim.units import Time
+
+HOST: Final = -1
+"""The radio of an interval that is about the robot itself."""
+JAMMER: Final[Address] = -1
+"""The robot of an interval that is about a jammer."""
+
+STATES: Final[dict[str, str]] = {
+    "off": "the radio is switched off",
+}
+"""All states, with their meanings."""
+
+
+class Interval(NamedTuple):
+    """A row of the table."""
+
+    start: Time
+    robot: Address
+    end: Time
+    radio: int
+    state: str
+    detail: str
+
+
+class Intervals:
+    """The intervals of one channel's radios, or of the robots themselves (*radio* HOST)."""
+
+    def __init__(self, trace: Trace, radio: int = 0) -> None:
+        self.wanted = trace.wants(INTERVALS)
+        """True if rows are kept: nobody need find out what nobody wants."""
+        self._trace = trace
+        self._radio = radio
+        self._open: dict[tuple[Address, str, str], Time] = {}
+
+    def add(self, robot: Address, start: Time, end: Time, state: str, detail: str = "") -> None:
+        """Add an interval that is known whole; one without length is none."""
+        if self.wanted and end > start:
+            self._trace.row(INTERVALS, start, robot, end, self._radio, state, detail)
+
+    def begin(self, robot: Address, state: str, now: Time, detail: str = "") -> None:
+        """Open an interval, unless *robot* is in that *state* with that *detail*."""
+        if self.wanted:
+            self._open.setdefault((robot, state, detail), now)
+
+    def end(self, robot: Address, state: str, now: Time, detail: str = "") -> None:
+        """Close the interval that ``begin`` has opened with the same words, if there is one."""
+        start = self._open.pop((robot, state, detail), None)
+        if start is not None:
+            self.add(robot, start, now, state, detail)
+
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return the intervals that are open *now*."""
+        return [
+            Interval(start, robot, now, self._radio, state, detail)
+            for (robot, state, detail), start in self._open.items()
+        ]
+
+    def close(self, now: Time) -> None:
+        """Close all intervals: the run is over."""
+        for robot, state, detail in list(self._open):
+            self.end(robot, state, now, detail)
