@@ -179,9 +179,9 @@ class Layout:
         if not self.inbox:
             return []
         row: list[float] = []
-        for source, at, payload in reversed(machine.heard):
-            row += (source, to_seconds(machine.observed_at - at))
-            row += payload
+        for message in reversed(machine.heard):
+            row += (message.source, to_seconds(machine.observed_at - message.at))
+            row += message.payload
         return row + self._nothing * (self.inbox - len(machine.heard))
 
 

@@ -6,7 +6,7 @@ an older one, and the robots to which messages go take turns.
 
 from binascii import crc_hqx
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from struct import Struct
@@ -169,16 +169,18 @@ class Sender:
                 gone += [(destination, number) for number in outbound.time_out(now)]
         return gone
 
-    def deadlines(self, now: Time) -> Iterator[Time]:
-        """Yield the times at which something is due; what waits for the radio has none."""
+    def deadlines(self, now: Time) -> list[Time]:
+        """Return the times at which something is due; what waits for the radio has none."""
+        dues = []
         for ready, _ in self._publications.values():
             if ready > now:
-                yield ready
+                dues.append(ready)
         for outbound in self.outbound.values():
             if outbound.deadline is not None:
-                yield outbound.deadline
+                dues.append(outbound.deadline)
         if self._radio.deadline is not None:
-            yield self._radio.deadline
+            dues.append(self._radio.deadline)
+        return dues
 
     # ------------------------------------------------------------ sending
 
