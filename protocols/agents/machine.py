@@ -82,8 +82,8 @@ class AgentMachine(Drains):
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take an event of a link, or the fate of a frame."""
-        self._transport.link(event, now)
-        self._settle()
+        if self._transport.link(event, now):
+            self._settle()
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Keep the observation, and the links; return False if nothing has come of it."""

@@ -124,12 +124,20 @@ class Sender:
 
     def publish(self, author: Address, publication: Publication, data: bytes, now: Time) -> None:
         """Queue *data*, the frame of a *publication*, in place of an older one of the same topic."""
-        # Each waits for a time of its own: robots that publish at one instant, or relay what they have received at one
-        # instant, would destroy each other's frames, and again each time.
-        lot = crc_hqx(_LOT.pack(self._me, author, publication.topic, publication.number), 0xFFFF)
         key = author, publication.topic
-        ready, _ = self._publications.get(key, (now + self._spread * lot // LOTS, data))
+        ready, _ = self._publications.get(key) or (now + self._lag(author, publication), data)
         self._publications[key] = ready, data
+
+    def _lag(self, author: Address, publication: Publication) -> Time:
+        """Return how long a publication waits: robots of which each waits for a time of its own do not collide.
+
+        Those that publish at one instant, or relay what they have received at one instant, would destroy each other's
+        frames, and again each time.
+        """
+        if not self._spread:
+            return 0
+        lot = crc_hqx(_LOT.pack(self._me, author, publication.topic, publication.number), 0xFFFF)
+        return self._spread * lot // LOTS
 
     def relay(self, destination: Address, data: bytes) -> None:
         """Queue a frame of another robot."""
@@ -146,11 +154,12 @@ class Sender:
             if destination in self.outbound:
                 self.outbound[destination].hasten(now)
 
-    def fate(self, fate: Fate, now: Time) -> None:
-        """Note what the radio reports of a frame."""
+    def fate(self, fate: Fate, now: Time) -> bool:
+        """Note what the radio reports of a frame; return whether anything may have waited for that."""
         held = self._radio.leave(fate.token)
         if held is not None:
             self._left_radio(held, now if fate.outcome in (Outcome.DELIVERED, Outcome.SENT) else None)
+        return bool(self._publications or self._relays or self.outbound)
 
     def _left_radio(self, held: Held, sent_at: Time | None) -> None:
         if held.part is not None:

@@ -222,11 +222,16 @@ class Transport:
             self._act(time)
         return acts
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Take an event of a link, or the fate of a frame."""
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        """Take an event of a link, or the fate of a frame.
+
+        Return False if it has no more to send than before and no earlier deadline: nothing has come of it.
+        """
         time = self._clock.read(now)
+        acts = True
         if isinstance(event, Fate):
-            self._sender.fate(event, time)
+            waited = self._sender.fate(event, time)
+            acts = waited or bool(self._inbound) or self._due(time)
         elif self.links is not None:
             self.links.link(event, time)
             if isinstance(event, Connected):
@@ -234,7 +239,9 @@ class Transport:
             if self.links.left:
                 self._publish(BEAT, bytes(self.links.left), time)
                 self.links.left = ()
-        self._act(time)
+        if acts:
+            self._act(time)
+        return acts
 
     def tick(self, seen: Collection[Address], now: Time) -> bool:
         """Keep the links, once a world tick; *seen* are robots in sight.
