@@ -80,10 +80,12 @@ class AgentMachine(Drains):
         self._settle()
         return True
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Take an event of a link, or the fate of a frame."""
-        if self._transport.link(event, now):
-            self._settle()
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        """Take an event of a link, or the fate of a frame; return False if nothing is to be done about it."""
+        if not self._transport.link(event, now):
+            return False
+        self._settle()
+        return True
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Keep the observation, and the links; return False if nothing has come of it."""

@@ -294,7 +294,9 @@ class Transport:
         self._sender.send(streams, time)
         dues = self._sender.deadlines(time)
         for _, inbound in streams:
-            if inbound.due is not None and inbound.due > time:  # one that is overdue waits for the radio, not for a time
+            if (
+                inbound.due is not None and inbound.due > time
+            ):  # one that is overdue waits for the radio, not for a time
                 dues.append(inbound.due)
         self._wake = min(dues) if dues else None
         self._behind = self._clock.behind

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -77,13 +78,14 @@ class Part(StrEnum):
     PAYLOAD = "payload"
 
 
-class Fate(NamedTuple):
+@dataclass(frozen=True)
+class Fate:
     """The fate of a frame, and which part of it failed if one did."""
 
     heard: Heard
     part: Part = Part.NONE
 
-    @property
+    @cached_property
     def header_heard(self) -> bool:
         """True if the receiver has noticed the frame and knows its header."""
         return self.heard is Heard.RECEIVED or self.heard is Heard.REFUSED or self.part is Part.PAYLOAD
