@@ -11,6 +11,7 @@ truncated at the last tick before ``duration_s``, and terminated if the referee 
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import chain
 from operator import index
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
@@ -173,7 +174,7 @@ class Layout:
         if len(seen) > self.sightings:
             nearest = sorted(seen, key=lambda other: (other.x_m - own.x_m) ** 2 + (other.y_m - own.y_m) ** 2)
             seen = sorted(nearest[: self.sightings])
-        row[: 3 * len(seen)] = [number for sighting in seen for number in sighting]
+        row[: 3 * len(seen)] = [*chain.from_iterable(seen)]
 
     def _hear(self, machine: Ordered, row: Row) -> None:
         """Write into *row* source, age and octets of the latest messages, the last one first."""

@@ -46,7 +46,8 @@ class Radio:
 
     def free(self, neighbour: Address) -> bool:
         """Return whether there is room for a frame to *neighbour*."""
-        return sum(held.neighbour == neighbour for held in self._held.values()) < self._room
+        held = self._held.values()
+        return len(held) < self._room or sum(each.neighbour == neighbour for each in held) < self._room
 
     def enter(self, neighbour: Address, part: tuple[Address, int] | None, now: Time) -> int:
         """Note that a frame is given to the radio; return the token to be sent with it."""

@@ -361,8 +361,9 @@ class Transport:
         known = self._known[author, topic]
         if number <= known.get(incarnation, 0):
             return False
-        known.pop(incarnation, None)
         known[incarnation] = number
+        if len(known) > 1:
+            known[incarnation] = known.pop(incarnation)
         if len(known) > INCARNATIONS:
             del known[next(iter(known))]
         if topic != BEAT:

@@ -321,7 +321,7 @@ BAND_FAULTS = [
         "pauses = [piconet.pair_ends() for piconet in self.masters.values()]",
         "pauses = []",
     ),
-    Fault("a broadcast is heard by those who are away", "band", "slots", "k in present", "True"),
+    Fault("a broadcast is heard by those who are away", "band", "slots", "tuned = there and bool(", "tuned = bool("),
     Fault("links time out before frames end", "band", "piconet", "self._supervise, WAKE)", "self._supervise)"),
     Fault(
         "a procedure's interruption lasts a slot pair too long",

@@ -320,10 +320,11 @@ class Air:
 
     def channel(self, master: Address, tick: int) -> int:
         """Return the channel on which the piconet of *master* is at *tick*."""
-        piconet = self.band.piconets[master]
-        if self.adapted is not None and piconet[USED]:
-            return int(adapted_hop(piconet[WORD], tick, self.adapted.used[master, : piconet[USED]]))
-        hop: int = basic_hop(piconet[WORD], tick)
+        piconets = self.band.piconets
+        if self.adapted is not None and piconets[master, USED]:
+            used = self.adapted.used[master, : piconets[master, USED]]
+            return int(adapted_hop(piconets[master, WORD], tick, used))
+        hop: int = basic_hop(piconets[master, WORD], tick)
         return hop
 
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
