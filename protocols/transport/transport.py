@@ -47,9 +47,9 @@ from protocols.wire import BadBytes
 
 BEAT: Final = 0xFF
 """Topic of heartbeats of the transport itself; the payload names robots that seem to have no master."""
-_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 INCARNATIONS: Final = 4
 """Number of incarnations of a robot of which another remembers what has arrived."""
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
 class Message(NamedTuple):
@@ -250,13 +250,13 @@ class Transport:
         Return False if it has no more to send than before and no earlier deadline: nothing has come of it.
         """
         time = self._clock.read(now)
-        beats = False
+        acts = False
         if self.links is not None and self._beat is not None:
             self.links.tick(seen, time)
-            beats = time - self._published_at >= self._beat and self.links.audience is not None
-        if beats:
-            self._publish(BEAT, b"", time)
-        acts = beats or self._due(time)
+            if time - self._published_at >= self._beat and self.links.audience is not None:
+                self._publish(BEAT, b"", time)
+                acts = True
+        acts = acts or self._due(time)
         if acts:
             self._act(time)
         return acts
@@ -280,9 +280,10 @@ class Transport:
         return not waits and not any(each.due is not None and each.due > time for _, each in self._streams())
 
     def _due(self, time: Time) -> bool:
-        """Return whether it is time to act, whatever else happens: a deadline is over, or link commands wait.
+        """Return whether there is something to act on, whatever has come.
 
-        And when the host's clock was set back, which moves all deadlines.
+        That is a deadline that is over, a link command to be drained, or a host's clock that was set back, with which
+        all deadlines move.
         """
         if self._wake is not None and self._wake <= time:
             return True
@@ -295,9 +296,8 @@ class Transport:
         self._sender.send(streams, time)
         dues = self._sender.deadlines(time)
         for _, inbound in streams:
-            if (
-                inbound.due is not None and inbound.due > time
-            ):  # one that is overdue waits for the radio, not for a time
+            # acknowledgements that are overdue wait for the radio, not for a time
+            if inbound.due is not None and inbound.due > time:
                 dues.append(inbound.due)
         self._wake = min(dues) if dues else None
         self._behind = self._clock.behind
@@ -364,7 +364,7 @@ class Transport:
             return False
         known[incarnation] = number
         if len(known) > 1:
-            known[incarnation] = known.pop(incarnation)
+            known[incarnation] = known.pop(incarnation)  # the last one last
         if len(known) > INCARNATIONS:
             del known[next(iter(known))]
         if topic != BEAT:
