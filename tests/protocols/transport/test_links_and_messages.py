@@ -4,7 +4,7 @@ import pytest
 
 from cosim.machine import BROADCAST, Connected, Fate, Lost, Outcome, Outgoing, Page, PageFailed, Reception, Role
 from cosim.units import S
-from protocols.transport.frames import ALL, Ack, Frame, Publication, encode
+from protocols.transport.frames import ALL, Ack, Frame, Part, Publication, encode
 from tests.protocols.transport.transport_alone import TIMES, bluetooth_transport, linked, sent, transport
 
 
@@ -133,6 +133,20 @@ def test_a_fate_says_whether_anything_has_waited_for_it() -> None:
     assert not slave.link(Fate(tokens[2] or 0, Outcome.SENT), S), "there was nothing left to wait"
     slave.send(1, b"x", S)
     assert slave.link(Fate(tokens[3] or 0, Outcome.SENT), S), "a message waits for its answer"
+
+
+def test_what_others_wait_for_is_sent_as_soon_as_a_fate_makes_room() -> None:
+    master, slave = linked(bluetooth_transport(0), Role.MASTER, 1, 2), linked(bluetooth_transport(2), Role.SLAVE, 0)
+    for number in range(5):
+        master.receive(encode(Frame(1, 2, 0, Ack(0, number, 0))), Reception(1, False), 0)
+        slave.publish(number, b"", 0)
+    slave.link(Fate(1, Outcome.SENT), 0)
+    slave.receive(encode(Frame(1, 2, 0, Part(0, 0, 0, 1, b"x"))), Reception(0, False), 0)
+    for robot, waiting in ((master, Ack(0, 4, 0)), (slave, Ack(0, 1, 0))):
+        assert len(sent(robot)) == (4 if robot is master else 5)
+        assert robot.link(Fate(2, Outcome.SENT), 0)
+        ((_, frame),) = sent(robot)
+        assert frame.body == waiting
 
 
 def test_what_waits_for_a_slave_that_is_lost_is_not_passed_on_later() -> None:
