@@ -67,7 +67,7 @@ class Counter(Host):
     def __init__(self, node: Node) -> None:
         super().__init__()
         self._node = node
-        self.link = node.link  # type: ignore[method-assign]
+        self.link = node.link  # type: ignore[assignment,method-assign]
         self.drain = node.drain  # type: ignore[method-assign]
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:

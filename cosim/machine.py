@@ -323,8 +323,8 @@ class Machine(Protocol):
         asked for any. One that does not know returns nothing, and is asked.
         """
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links and about the fate of payloads."""
+    def link(self, event: LinkEvent, now: Time) -> bool | None:
+        """Take news about links and about the fate of payloads; return False as :meth:`receive` may."""
 
     def observe(self, observation: Observation, now: Time) -> bool | None:
         """Take what the robot senses at a world tick; return False as :meth:`receive` may."""

@@ -110,13 +110,13 @@ class Node:
             self._trace.row(MESSAGES, now, self.address, reception.source, reception.broadcast, data.hex())
         return self.machine.receive(data, reception, now) is not False
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Pass news about links to the machine."""
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        """Pass news about links to the machine; return whether anything may have come of it."""
         if not self.alive:
-            return
+            return False
         if self._links_wanted:
             self._trace.row(LINKS, now, self.address, *_told(event))
-        self.machine.link(event, now)
+        return self.machine.link(event, now) is not False
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Pass what the robot senses to the machine, and act on it."""
@@ -297,8 +297,8 @@ class _OtherTime:
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
         return self._machine.receive(data, reception, now + self.offset)
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        self._machine.link(event, now + self.offset)
+    def link(self, event: LinkEvent, now: Time) -> bool | None:
+        return self._machine.link(event, now + self.offset)
 
     def observe(self, observation: Observation, now: Time) -> bool | None:
         return self._machine.observe(observation, now + self.offset)

@@ -11,6 +11,7 @@ truncated at the last tick before ``duration_s``, and terminated if the referee 
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import chain
 from operator import index
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
@@ -142,8 +143,10 @@ class Layout:
         self._enter("heard", *message * self.inbox)
         low, high = np.array(self._bounds).T
         self.space = spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        self._nobody = [NOBODY, 0.0, 0.0]
-        self._nothing = [NOBODY, 0.0, *[0.0] * self.octets]
+        self._vacant = np.zeros(len(self._bounds), np.float32)
+        """The row of a robot that knows nothing of itself, sees nobody and has heard nothing."""
+        self._vacant[self.columns["seen"]][::3] = NOBODY
+        self._vacant[self.columns["heard"]][:: 2 + self.octets] = NOBODY
 
     def _enter(self, name: str, *bounds: tuple[float, float]) -> None:
         begin = len(self._bounds)
@@ -156,33 +159,32 @@ class Layout:
         if own is None:  # its host was dead at every tick
             own = Observation(0.0, 0.0, 0.0, 0.0, True, False)
         x_m, y_m, heading_rad, speed_mps, _, blocked, *_ = own
-        row: list[float] = [alive, machine.connected, x_m, y_m, heading_rad, speed_mps, blocked]
-        row += self._seen(own)
-        row += self._heard(machine)
-        return np.clip(np.array(row, dtype=np.float32), self.space.low, self.space.high)
+        row = self._vacant.copy()
+        row[: self.columns["seen"].start] = alive, machine.connected, x_m, y_m, heading_rad, speed_mps, blocked
+        if self.sightings:
+            self._see(own, row[self.columns["seen"]])
+        if self.inbox and machine.heard:
+            self._hear(machine, row[self.columns["heard"]])
+        clipped: Row = np.minimum(np.maximum(row, self.space.low), self.space.high)
+        return clipped
 
-    def _seen(self, own: Observation) -> list[float]:
-        """Return address and place of those in sight, in order; of the nearest if there are too many."""
-        if not self.sightings:
-            return []
+    def _see(self, own: Observation, row: Row) -> None:
+        """Write into *row* address and place of those in sight, in order; of the nearest if there are too many."""
         seen: Sequence[Sighting] = own.sightings
         if len(seen) > self.sightings:
             nearest = sorted(seen, key=lambda other: (other.x_m - own.x_m) ** 2 + (other.y_m - own.y_m) ** 2)
             seen = sorted(nearest[: self.sightings])
-        row: list[float] = []
-        for sighting in seen:
-            row += sighting
-        return row + self._nobody * (self.sightings - len(seen))
+        row[: 3 * len(seen)] = [*chain.from_iterable(seen)]
 
-    def _heard(self, machine: Ordered) -> list[float]:
-        """Return source, age and octets of the latest messages, the last one first."""
-        if not self.inbox:
-            return []
-        row: list[float] = []
-        for source, at, payload in reversed(machine.heard):
-            row += (source, to_seconds(machine.observed_at - at))
-            row += payload
-        return row + self._nothing * (self.inbox - len(machine.heard))
+    def _hear(self, machine: Ordered, row: Row) -> None:
+        """Write into *row* source, age and octets of the latest messages, the last one first."""
+        messages: Sequence[Heard] = [*reversed(machine.heard)]
+        rows = row.reshape(self.inbox, -1)[: len(messages)]
+        now = machine.observed_at
+        rows[:, 0] = [message.source for message in messages]
+        rows[:, 1] = [to_seconds(now - message.at) for message in messages]
+        octets = np.frombuffer(b"".join([message.payload for message in messages]), np.uint8)
+        rows[:, 2:] = octets.reshape(-1, self.octets)
 
 
 class Orders:

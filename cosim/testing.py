@@ -146,8 +146,8 @@ class _Watched:
 
     def link(self, event: LinkEvent, now: Time) -> None:
         self._begin(now)
-        self.machine.link(event, now)
-        self._idle = False
+        before = self.machine.wake_at()
+        self._check(self.machine.link(event, now), before)
 
     def observe(self, observation: Observation, now: Time) -> None:
         self._begin(now)

@@ -320,6 +320,13 @@ def test_the_nearest_are_seen_if_there_is_no_room_for_all(pettingzoo: Any) -> No
     assert seen.tolist() == [[2, 2, 1], [3, 1, 3]]
 
 
+def test_where_nobody_is_seen_the_row_says_so(pettingzoo: Any) -> None:
+    env = parallel_env(scenario(team={"size": 3, "starts": [[1, 1], [5, 5], [1, 5]], "sight_range_m": 2}))
+    observations, _ = env.reset()
+    seen = observations["robot_0"][env.layouts[0].columns["seen"]].reshape(-1, 3)
+    assert seen.tolist() == [[-1, 0, 0]] * 2
+
+
 def test_a_killed_robot_is_flagged_and_its_actions_change_nothing(pettingzoo: Any) -> None:
     ends = []
     for turn in (0.0, 1.0):

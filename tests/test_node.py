@@ -20,10 +20,12 @@ from cosim.machine import (
     Drains,
     Drive,
     Event,
+    Fate,
     Flush,
     LinkCommand,
     LinkEvent,
     Lost,
+    Outcome,
     Outgoing,
     Page,
     Reception,
@@ -147,7 +149,7 @@ def bench() -> Bench:
 
 
 class Taciturn(Puppet):
-    """Says of each payload whether anything comes of it; of what it observes nothing does."""
+    """Says of each payload whether anything comes of it; of what it observes, and of fates, nothing does."""
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
         super().receive(data, reception, now)
@@ -156,6 +158,10 @@ class Taciturn(Puppet):
     def observe(self, observation: Observation, now: Time) -> bool:
         super().observe(observation, now)
         return False
+
+    def link(self, event: LinkEvent, now: Time) -> bool | None:
+        super().link(event, now)
+        return False if isinstance(event, Fate) else None
 
 
 @pytest.mark.parametrize("ahead", [0, S])
@@ -176,8 +182,9 @@ def test_a_machine_is_drained_unless_it_says_that_nothing_came_of_all_inputs(
     machine = bench.node.machine = Taciturn()
     bench.node.step_clock(ahead, 0)
     bench.wire.deliver([(0, payload, Reception(1, False)) for payload in payloads])
+    bench.wire.deliver([], [(0, Fate(1, Outcome.SENT))])
     bench.node.observe(OBSERVATION, 0)
-    assert len(machine.inputs) == len(payloads) + 1
+    assert len(machine.inputs) == len(payloads) + 2
     assert machine.drains == drains
 
 

@@ -306,7 +306,7 @@ class RaisesInAnOrdinaryRun(Beacon):
 
 
 class SaysWhenNothingComesOfAnInput(Beacon):
-    """Hears frames, and observes, without a word to its node where that leaves nothing."""
+    """Takes inputs without a word to its node where that leaves nothing."""
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         rows = len(self.rows)
@@ -317,6 +317,17 @@ class SaysWhenNothingComesOfAnInput(Beacon):
         moves = len(self.motion)
         super().observe(observation, now)
         return len(self.motion) > moves
+
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        waiting = len(self.out)
+        super().link(event, now)
+        return len(self.out) > waiting
+
+
+class DeniesALinkCommand(Beacon):
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        super().link(event, now)
+        return False
 
 
 class DeniesAnEvent(Beacon):
@@ -377,6 +388,7 @@ def test_a_machine_that_keeps_the_laws_passes(kept: Any):
         (PagesAStranger, r"outbox\(\): Page.*99 is no robot"),
         (RaisesInAnOrdinaryRun, "a drive as in a run raised LocalProtocolError"),
         (DeniesAnEvent, r"nothing came of its input, but events\(\) is Heard"),
+        (DeniesALinkCommand, r"nothing came of its input, but outbox\(\) is Page"),
         (DeniesACommand, r"nothing came of its input, but commands\(\) is GoTo"),
         (DeniesADeadline, r"nothing came of an input, but wake_at\(\) was \d+, now"),
     ],

@@ -37,8 +37,8 @@ class Endpoint(Protocol):
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
         """Take a payload; return False if there is nothing to act on."""
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Take a link event."""
+    def link(self, event: LinkEvent, now: Time) -> bool | None:
+        """Take a link event; return False if there is nothing to act on."""
 
     def drain(self, now: Time) -> None:
         """Act on what came in at this instant."""
@@ -130,7 +130,7 @@ class Channel(ABC):
             if endpoints[address].receive(payload, reception, now) is not False:
                 touch(address)
         for address, event in events:
-            endpoints[address].link(event, now)
-            touch(address)
+            if endpoints[address].link(event, now) is not False:
+                touch(address)
         for address in sorted(touched):
             endpoints[address].drain(now)

@@ -128,12 +128,13 @@ class _End:
         """Take a payload; return False if there is nothing to act on."""
         return self._endpoint.receive(data, _new(Reception, (*reception[:3], self._radio)), now)
 
-    def link(self, event: LinkEvent, now: Time) -> None:
+    def link(self, event: LinkEvent, now: Time) -> bool | None:
         """Take a link event that concerns the host: links are those of radio 0, with robots that have it."""
         of_payload = isinstance(event, Fate)
         of_stranger = isinstance(event, Lost) and event.peer not in self._carriers
         if of_payload or (self._radio == 0 and not of_stranger):
-            self._endpoint.link(event, now)
+            return self._endpoint.link(event, now)
+        return False
 
     def drain(self, now: Time) -> None:
         """Act on what came in at this instant."""

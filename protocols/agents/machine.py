@@ -8,7 +8,7 @@ that has not left yet is replaced by the next.
 import math
 from collections import deque
 from struct import Struct
-from typing import Final, NamedTuple
+from typing import Final
 
 from pydantic import Field, model_validator
 
@@ -18,7 +18,7 @@ from cosim.settings import Count, Settings, error_at
 from cosim.units import Time
 from protocols.transport.frames import PUBLICATION_OVERHEAD
 from protocols.transport.parameters import TransportParameters
-from protocols.transport.transport import Transport
+from protocols.transport.transport import Published, Transport
 from protocols.wire import BadBytes
 
 TOPIC: Final = 0
@@ -41,15 +41,6 @@ class Parameters(Settings):
         return self
 
 
-class Heard(NamedTuple):
-    """A message that has arrived."""
-
-    source: Address
-    at: Time
-    """When, by the clock of the robot that has heard it."""
-    payload: bytes
-
-
 class AgentMachine(Drains):
     """One robot's machine; it stands still and is silent until it is ordered otherwise, and never finishes."""
 
@@ -61,7 +52,7 @@ class AgentMachine(Drains):
         """What it has observed at the last tick, if there was one."""
         self.observed_at: Time = start
         """When that was, by its clock."""
-        self.heard: deque[Heard] = deque(maxlen=parameters.inbox)
+        self.heard: deque[Published] = deque(maxlen=parameters.inbox)
         """The latest messages, the last one last."""
         self.message_octets = parameters.message_octets
         self._alone = size == 1
@@ -89,17 +80,20 @@ class AgentMachine(Drains):
         self._settle()
         return True
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Take an event of a link, or the fate of a frame."""
-        self._transport.link(event, now)
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        """Take an event of a link, or the fate of a frame; return False if nothing is to be done about it."""
+        if not self._transport.link(event, now):
+            return False
         self._settle()
+        return True
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Keep the observation, and the links; return False if nothing has come of it."""
         self.observation, self.observed_at = observation, now
         if not self._keeps_links:
             return False
-        self._transport.tick(observation.visible, now)
+        if not self._transport.tick(observation.visible, now):
+            return False
         self._settle()
         return True
 
@@ -131,8 +125,8 @@ class AgentMachine(Drains):
 
     def _listen(self) -> None:
         """Take the messages that have arrived."""
-        for source, topic, payload, at in self._transport.published():
-            if topic == TOPIC and len(payload) == self.message_octets:
-                self.heard.append(Heard(source, at, payload))
+        for published in self._transport.published():
+            if published.topic == TOPIC and len(published.payload) == self.message_octets:
+                self.heard.append(published)
             else:
-                self._events.append(BadBytes(source, len(payload)))
+                self._events.append(BadBytes(published.source, len(published.payload)))

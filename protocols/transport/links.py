@@ -76,7 +76,8 @@ class Links:
         self._rests_until = start
         """Until when, after a page in vain, a master is there for its slaves, or can be paged itself."""
         # no robot pages the first unless another can be a master, too
-        self._out: list[LinkCommand] = [Scan(enabled=self._takeover or not self.leading)]
+        self.commands: list[LinkCommand] = [Scan(enabled=self._takeover or not self.leading)]
+        """Link commands that are still to be drained."""
 
     # ------------------------------------------------------------ who hears whom
 
@@ -95,8 +96,7 @@ class Links:
 
     def relays(self, author: Address, reception: Reception) -> bool:
         """Return whether to relay a frame: *author* has sent it to this master alone, and there are other slaves."""
-        direct = reception.source == author and not reception.broadcast
-        return direct and not self.slaves <= {author}
+        return reception.source == author and not reception.broadcast and not self.slaves <= {author}
 
     def before(self, other: Address) -> bool:
         """Return whether *other* is before this robot in the order of masters."""
@@ -132,7 +132,7 @@ class Links:
         """Take over if that is due, or page a robot that is due; those *near* are likely to be in reach."""
         # a radio that was off has forgotten its links, and does not report it
         for peer in self._silent(now):
-            self._out.append(Disconnect(peer))
+            self.commands.append(Disconnect(peer))
             self._lost(peer, now)
         if self._takeover and self.master is None and not self.leading:
             rank = sum(self.before(other) and other not in self._dead for other in self._others)
@@ -160,7 +160,7 @@ class Links:
             peer = min(due, key=self._urgency)
             self._paging = peer, now
             self._tried[peer] = now
-            self._out.append(Page(peer))
+            self.commands.append(Page(peer))
 
     def _hopeful(self, peer: Address) -> bool:
         """Return whether *peer* is likely to answer a page: not paged in vain since anything was heard of it."""
@@ -199,7 +199,7 @@ class Links:
             self._dead.add(peer)
             self.master = None
             self._since = now
-            self._out.append(Scan(enabled=True))
+            self.commands.append(Scan(enabled=True))
 
     def _connected(self, peer: Address, role: Role, now: Time) -> None:
         self.slaves.discard(peer)  # the loss of a former link was not reported
@@ -208,7 +208,7 @@ class Links:
         if paged:
             self._paging = None
         if peer not in self._waits:
-            self._out.append(Disconnect(peer))
+            self.commands.append(Disconnect(peer))
         elif role is Role.MASTER and self.leading:
             self._dead.discard(peer)
             if not self.slaves:  # it was out of reach of all: robots paged in vain may have been near another
@@ -216,11 +216,11 @@ class Links:
             self.slaves.add(peer)
             self._waits[peer] = self._least
             if self._takeover:
-                self._out.append(Scan(enabled=True))  # a device that gets a link stops scanning
+                self.commands.append(Scan(enabled=True))  # a device that gets a link stops scanning
         elif role is Role.SLAVE and self._prefers(peer):
             self._follow(peer)
         else:
-            self._out.append(Disconnect(peer))
+            self.commands.append(Disconnect(peer))
             self._expect(peer)
 
     def _prefers(self, other: Address) -> bool:
@@ -232,7 +232,7 @@ class Links:
         return self.master is None or self._place(other) <= self._place(self.master)
 
     def _follow(self, master: Address) -> None:
-        self._out.extend(Disconnect(peer) for peer in sorted(self._linked - {master}))
+        self.commands.extend(Disconnect(peer) for peer in sorted(self._linked - {master}))
         self._dead.discard(master)
         self.left = tuple(sorted(self.slaves))
         self.slaves.clear()
@@ -255,5 +255,5 @@ class Links:
 
     def drain(self) -> list[LinkCommand]:
         """Return the link commands, once."""
-        out, self._out = self._out, []
-        return out
+        commands, self.commands = self.commands, []
+        return commands

@@ -6,7 +6,7 @@ an older one, and the robots to which messages go take turns.
 
 from binascii import crc_hqx
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from struct import Struct
@@ -46,7 +46,8 @@ class Radio:
 
     def free(self, neighbour: Address) -> bool:
         """Return whether there is room for a frame to *neighbour*."""
-        return sum(held.neighbour == neighbour for held in self._held.values()) < self._room
+        held = self._held.values()
+        return len(held) < self._room or sum(each.neighbour == neighbour for each in held) < self._room
 
     def enter(self, neighbour: Address, part: tuple[Address, int] | None, now: Time) -> int:
         """Note that a frame is given to the radio; return the token to be sent with it."""
@@ -124,12 +125,20 @@ class Sender:
 
     def publish(self, author: Address, publication: Publication, data: bytes, now: Time) -> None:
         """Queue *data*, the frame of a *publication*, in place of an older one of the same topic."""
-        # Each waits for a time of its own: robots that publish at one instant, or relay what they have received at one
-        # instant, would destroy each other's frames, and again each time.
-        lot = crc_hqx(_LOT.pack(self._me, author, publication.topic, publication.number), 0xFFFF)
         key = author, publication.topic
-        ready, _ = self._publications.get(key, (now + self._spread * lot // LOTS, data))
+        ready, _ = self._publications.get(key) or (now + self._lag(author, publication), data)
         self._publications[key] = ready, data
+
+    def _lag(self, author: Address, publication: Publication) -> Time:
+        """Return how long a publication waits: robots of which each waits for a time of its own do not collide.
+
+        Those that publish at one instant, or relay what they have received at one instant, would destroy each other's
+        frames, and again each time.
+        """
+        if not self._spread:
+            return 0
+        lot = crc_hqx(_LOT.pack(self._me, author, publication.topic, publication.number), 0xFFFF)
+        return self._spread * lot // LOTS
 
     def relay(self, destination: Address, data: bytes) -> None:
         """Queue a frame of another robot."""
@@ -146,11 +155,12 @@ class Sender:
             if destination in self.outbound:
                 self.outbound[destination].hasten(now)
 
-    def fate(self, fate: Fate, now: Time) -> None:
-        """Note what the radio reports of a frame."""
+    def fate(self, fate: Fate, now: Time) -> bool:
+        """Note what the radio reports of a frame; return whether anything may have waited for that."""
         held = self._radio.leave(fate.token)
         if held is not None:
             self._left_radio(held, now if fate.outcome in (Outcome.DELIVERED, Outcome.SENT) else None)
+        return bool(self._publications or self._relays or self.outbound)
 
     def _left_radio(self, held: Held, sent_at: Time | None) -> None:
         if held.part is not None:
@@ -169,16 +179,18 @@ class Sender:
                 gone += [(destination, number) for number in outbound.time_out(now)]
         return gone
 
-    def deadlines(self, now: Time) -> Iterator[Time]:
-        """Yield the times at which something is due; what waits for the radio has none."""
+    def deadlines(self, now: Time) -> list[Time]:
+        """Return the times at which something is due; what waits for the radio has none."""
+        dues = []
         for ready, _ in self._publications.values():
             if ready > now:
-                yield ready
+                dues.append(ready)
         for outbound in self.outbound.values():
             if outbound.deadline is not None:
-                yield outbound.deadline
+                dues.append(outbound.deadline)
         if self._radio.deadline is not None:
-            yield self._radio.deadline
+            dues.append(self._radio.deadline)
+        return dues
 
     # ------------------------------------------------------------ sending
 

@@ -49,6 +49,7 @@ BEAT: Final = 0xFF
 """Topic of heartbeats of the transport itself; the payload names robots that seem to have no master."""
 INCARNATIONS: Final = 4
 """Number of incarnations of a robot of which another remembers what has arrived."""
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
 class Message(NamedTuple):
@@ -80,9 +81,12 @@ class SteadyClock:
 
     def read(self, now: Time) -> Time:
         """Return the time by this clock, *now* by the host's."""
-        self.behind += max(self.now - self.behind - now, 0)
-        self.now = now + self.behind
-        return self.now
+        time = now + self.behind
+        if time < self.now:
+            self.behind += self.now - time
+            return self.now
+        self.now = time
+        return time
 
 
 class Transport:
@@ -114,6 +118,8 @@ class Transport:
         self._published: list[Published] = []
         self._returned: list[tuple[Address, int]] = []
         self._wake: Time | None = None
+        self._behind = self._clock.behind
+        """By how much the host's clock was set back when ``_wake`` was found."""
 
     @property
     def counts(self) -> Counts:
@@ -206,15 +212,10 @@ class Transport:
         Return False if it has no more to send than before, no earlier deadline and no event: then all that may have
         come of it is a value for ``published``.
         """
-        behind = self._clock.behind
         time = self._clock.read(now)
-        # with no link yet the first link commands may not have been drained; a clock set back moves deadlines
-        unsettled = self._floods or (self.links is not None and self.links.audience is None)
-        acts = unsettled or self._clock.behind != behind or (self._wake is not None and self._wake <= time)
+        acts = self._due(time)
         try:
-            frame = decode(data)
-            # after a publication that it does not relay it has no more to send than before
-            acts = self._take(frame, data, reception, time) or acts or not isinstance(frame.body, Publication)
+            acts |= self._take(decode(data), data, reception, time)
         except WireError:
             self.bad.append(BadBytes(reception.source, len(data)))
             acts = True
@@ -222,11 +223,16 @@ class Transport:
             self._act(time)
         return acts
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Take an event of a link, or the fate of a frame."""
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        """Take an event of a link, or the fate of a frame.
+
+        Return False if it has no more to send than before and no earlier deadline: nothing has come of it.
+        """
         time = self._clock.read(now)
+        acts = True
         if isinstance(event, Fate):
-            self._sender.fate(event, time)
+            waited = self._sender.fate(event, time)
+            acts = waited or bool(self._inbound) or self._due(time)
         elif self.links is not None:
             self.links.link(event, time)
             if isinstance(event, Connected):
@@ -234,16 +240,26 @@ class Transport:
             if self.links.left:
                 self._publish(BEAT, bytes(self.links.left), time)
                 self.links.left = ()
-        self._act(time)
+        if acts:
+            self._act(time)
+        return acts
 
-    def tick(self, seen: Collection[Address], now: Time) -> None:
-        """Keep the links, once a world tick; *seen* are robots in sight."""
+    def tick(self, seen: Collection[Address], now: Time) -> bool:
+        """Keep the links, once a world tick; *seen* are robots in sight.
+
+        Return False if it has no more to send than before and no earlier deadline: nothing has come of it.
+        """
         time = self._clock.read(now)
+        acts = False
         if self.links is not None and self._beat is not None:
             self.links.tick(seen, time)
-            if self.links.audience is not None and time - self._published_at >= self._beat:
+            if time - self._published_at >= self._beat and self.links.audience is not None:
                 self._publish(BEAT, b"", time)
-        self._act(time)
+                acts = True
+        acts = acts or self._due(time)
+        if acts:
+            self._act(time)
+        return acts
 
     def wake(self, now: Time) -> None:
         """Act on all deadlines up to *now*."""
@@ -263,14 +279,28 @@ class Transport:
         time = self._clock.now
         return not waits and not any(each.due is not None and each.due > time for _, each in self._streams())
 
+    def _due(self, time: Time) -> bool:
+        """Return whether there is something to act on, whatever has come.
+
+        That is a deadline that is over, a link command to be drained, or a host's clock that was set back, with which
+        all deadlines move.
+        """
+        if self._wake is not None and self._wake <= time:
+            return True
+        return self._clock.behind != self._behind or (self.links is not None and bool(self.links.commands))
+
     def _act(self, time: Time) -> None:
         """Act on deadlines that are over, send what may be sent, and find the next deadline."""
         self._returned += self._sender.time_out(time)
         streams = list(self._streams()) if self._inbound else []
         self._sender.send(streams, time)
-        # acknowledgements that are overdue wait for the radio, not for a time
-        dues = [inbound.due for _, inbound in streams if inbound.due is not None and inbound.due > time]
-        self._wake = min([*self._sender.deadlines(time), *dues], default=None)
+        dues = self._sender.deadlines(time)
+        for _, inbound in streams:
+            # acknowledgements that are overdue wait for the radio, not for a time
+            if inbound.due is not None and inbound.due > time:
+                dues.append(inbound.due)
+        self._wake = min(dues) if dues else None
+        self._behind = self._clock.behind
 
     def _streams(self) -> Iterator[tuple[Address, Inbound]]:
         return ((author, each) for author, incarnations in self._inbound.items() for each in incarnations.values())
@@ -280,26 +310,31 @@ class Transport:
     def _take(self, frame: Frame, data: bytes, reception: Reception, time: Time) -> bool:
         """Take a frame; raise WireError for one that no robot of this team can have meant.
 
-        Return whether there is more to send: it is relayed, or its author, which did not answer before, is tried again.
+        Return whether there may be more to send than before, or an earlier deadline: not after a publication that is
+        not relayed, unless its author, which did not answer before, is tried again.
         """
         author, destination = frame.author, frame.destination
         if author >= self._size or (destination != ALL and destination >= self._size):
             raise WireError("of another team")
         if author == self.me:
             return False
-        if destination in (ALL, self.me):
-            self._hear(frame, data, time)
-        relays = False
-        if self.links is not None:
-            self.links.heard(reception.source, time)
-            if relays := self.links.relays(author, reception):
-                self._relay(frame, data, self.links, time)
+        acts = True
+        if destination == ALL:
+            acts = self._hear_publication(frame, data, time)
+        elif destination == self.me:
+            self._hear(frame, time)
+        links = self.links
+        if links is not None:
+            links.heard(reception.source, time)
+            if links.slaves and links.relays(author, reception):
+                self._relay(frame, data, links, time)
+                acts = True
         self._heard[author] = time
         outbound = self._sender.outbound.get(author)
-        if outbound is None or outbound.vain <= 1:
-            return relays
-        outbound.hasten(time)
-        return True
+        if outbound is not None and outbound.vain > 1:
+            outbound.hasten(time)
+            acts = True
+        return acts
 
     def _relay(self, frame: Frame, data: bytes, links: Links, time: Time) -> None:
         """Relay, as a master, what a slave has sent to others."""
@@ -308,8 +343,8 @@ class Transport:
         elif frame.destination in links.slaves:
             self._sender.relay(frame.destination, data)
 
-    def _hear(self, frame: Frame, data: bytes, time: Time) -> None:
-        """Take a frame that is meant for this robot."""
+    def _hear(self, frame: Frame, time: Time) -> None:
+        """Take a frame of a message to this robot, or of one of its own."""
         match frame.body:
             case Part() as part:
                 self._hear_part(frame.author, frame.incarnation, part, time)
@@ -318,24 +353,27 @@ class Transport:
                 if outbound is None:
                     raise WireError("an acknowledgement of what was never sent")
                 outbound.acknowledged(ack, frame.incarnation, time)
-            case Publication() as publication:
-                self._hear_publication(frame, publication, data, time)
 
-    def _hear_publication(self, frame: Frame, publication: Publication, data: bytes, time: Time) -> None:
+    def _hear_publication(self, frame: Frame, data: bytes, time: Time) -> bool:
+        """Take a publication, and return whether it is to be flooded."""
+        author, _, incarnation, publication = frame
+        assert isinstance(publication, Publication)
         topic, number, payload = publication
-        known = self._known[frame.author, topic]
-        if number <= known.get(frame.incarnation, 0):
-            return
-        known.pop(frame.incarnation, None)
-        known[frame.incarnation] = number
+        known = self._known[author, topic]
+        if number <= known.get(incarnation, 0):
+            return False
+        known[incarnation] = number
+        if len(known) > 1:
+            known[incarnation] = known.pop(incarnation)  # the last one last
         if len(known) > INCARNATIONS:
             del known[next(iter(known))]
         if topic != BEAT:
-            self._published.append(Published(frame.author, topic, payload, time - self._clock.behind))
+            self._published.append(_new(Published, (author, topic, payload, time - self._clock.behind)))
         elif self.links is not None:
             self.links.find(payload)
         if self._floods:
-            self._sender.publish(frame.author, publication, data, time)
+            self._sender.publish(author, publication, data, time)
+        return self._floods
 
     def _hear_part(self, author: Address, incarnation: int, part: Part, time: Time) -> None:
         incarnations = self._inbound[author]

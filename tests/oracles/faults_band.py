@@ -41,8 +41,8 @@ BAND_FAULTS = [
         "only the last interferer counts",
         "band",
         "medium",
-        "total += 10.0 ** (dbm / 10.0) * _weight(mode, frame",
-        "total = 10.0 ** (dbm / 10.0) * _weight(mode, frame",
+        "total += elementary.exp10(dbm / 10.0) * _weight(mode, frame",
+        "total = elementary.exp10(dbm / 10.0) * _weight(mode, frame",
     ),
     Fault(
         "draws of both directions are exchanged", "band", "medium", "source << 16 | receiver", "receiver << 16 | source"
@@ -321,7 +321,7 @@ BAND_FAULTS = [
         "pauses = [piconet.pair_ends() for piconet in self.masters.values()]",
         "pauses = []",
     ),
-    Fault("a broadcast is heard by those who are away", "band", "slots", "k in present", "True"),
+    Fault("a broadcast is heard by those who are away", "band", "slots", "tuned = there and bool(", "tuned = bool("),
     Fault("links time out before frames end", "band", "piconet", "self._supervise, WAKE)", "self._supervise)"),
     Fault(
         "a procedure's interruption lasts a slot pair too long",
@@ -418,8 +418,8 @@ BAND_FAULTS = [
         "the header of what is refused is not heard",
         "band",
         "radio",
-        "in (Heard.RECEIVED, Heard.REFUSED)",
-        "in (Heard.RECEIVED,)",
+        "or self.heard is Heard.REFUSED ",
+        "",
     ),
     Fault(
         "a new link knows nothing of places that are taken",

@@ -228,10 +228,8 @@ class BluetoothChannel(Channel):
 
     def _record(self, frame: Frame, fate: Fate) -> None:
         start, duration, kind, source, destination, channel, lt_addr, length = frame
-        heard, part = fate
-        self.trace.row(
-            FRAMES, start, source, destination, duration, kind, channel, lt_addr, length, heard.value, part.value
-        )
+        outcome = fate.heard.value, fate.part.value
+        self.trace.row(FRAMES, start, source, destination, duration, kind, channel, lt_addr, length, *outcome)
 
     def _call(self, address: Address, depth: int, name: str, detail: str) -> None:
         self.trace.row(CALLS, self.kernel.now, address, CALL_DEPTH + depth, "bluetooth", name, detail)

@@ -278,7 +278,7 @@ class Piconet:
         """Append *payload* to a queue."""
         piconet, now = self.links.piconet, self._kernel.now
         # whether a payload that is not the head may change what is sent next
-        overtaking = piconet[polling.SHARED] or piconet[polling.SCHEDULER] != polling.LAZY
+        overtaking = piconet[polling.SHARED] or self._settings.scheduler != "lazy"
         if overtaking:
             self._air.advance(now)
         if self._queues.push(queue, payload) or overtaking:

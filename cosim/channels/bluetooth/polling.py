@@ -329,6 +329,7 @@ def next_served(piconet: State, links: State) -> int:
     return NOTHING
 
 
+@njit(cache=True, borrows=True)
 def overdue(piconet: State, links: State, tick: int) -> int:
     """Return the link that must be addressed at *tick*, or NOTHING."""
     slot, k = _next_due(piconet, links, links[DUE], tick)
@@ -355,6 +356,7 @@ def last_heard(links: State) -> int:
 # ---------------------------------------------------------------- slots with a payload
 
 
+@njit(cache=True, borrows=True)
 def begin_pair(piconet: State, links: State, tick: int, k: int, first: bool, data: bool, slots: int) -> bool:
     """Send the master's packet of a pair with link *k*, whether with *data*, and *first* if that is new.
 
@@ -372,6 +374,7 @@ def begin_pair(piconet: State, links: State, tick: int, k: int, first: bool, dat
     return acknowledged
 
 
+@njit(cache=True, borrows=True)
 def answer_pair(piconet: State, links: State, tick: int, k: int, first: bool, data: bool, slots: int) -> None:
     """Send the slave's packet at *tick*."""
     if first:
@@ -380,6 +383,7 @@ def answer_pair(piconet: State, links: State, tick: int, k: int, first: bool, da
     piconet[NEXT] = tick + 2 * slots
 
 
+@njit(cache=True, borrows=True)
 def take_down_link(links: State, k: int) -> bool:
     """Let the slave take the master's payload; return whether it is new (its SEQN differs from the last one's)."""
     new = bool(links[SEEN_DOWN, k] != links[SEQ_DOWN, k])
@@ -387,6 +391,7 @@ def take_down_link(links: State, k: int) -> bool:
     return new
 
 
+@njit(cache=True, borrows=True)
 def take_up_link(links: State, k: int) -> bool:
     """Let the master take the slave's payload, which its next packet acknowledges; return whether it is new."""
     new = bool(links[SEEN_UP, k] != links[SEQ_UP, k])

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -77,13 +78,14 @@ class Part(StrEnum):
     PAYLOAD = "payload"
 
 
-class Fate(NamedTuple):
+@dataclass(frozen=True)
+class Fate:
     """The fate of a frame, and which part of it failed if one did."""
 
     heard: Heard
     part: Part = Part.NONE
 
-    @property
+    @cached_property
     def header_heard(self) -> bool:
         """True if the receiver has noticed the frame and knows its header."""
         return self.heard is Heard.RECEIVED or self.heard is Heard.REFUSED or self.part is Part.PAYLOAD
@@ -318,10 +320,11 @@ class Air:
 
     def channel(self, master: Address, tick: int) -> int:
         """Return the channel on which the piconet of *master* is at *tick*."""
-        piconet = self.band.piconets[master]
-        if self.adapted is not None and piconet[USED]:
-            return int(adapted_hop(piconet[WORD], tick, self.adapted.used[master, : piconet[USED]]))
-        hop: int = basic_hop(piconet[WORD], tick)
+        piconets = self.band.piconets
+        if self.adapted is not None and piconets[master, USED]:
+            used = self.adapted.used[master, : piconets[master, USED]]
+            return int(adapted_hop(piconets[master, WORD], tick, used))
+        hop: int = basic_hop(piconets[master, WORD], tick)
         return hop
 
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.bits.errors import best_type
-from cosim.channels.bluetooth.polling import BEACON, EVERYONE, LAZY, NEVER, NEXT, NOTHING, SCHEDULER, SHARED, STOPPED
+from cosim.channels.bluetooth.polling import BEACON, EVERYONE, NEVER, NEXT, NOTHING, SHARED, STOPPED
 from cosim.channels.bluetooth.queues import Payload
 from cosim.channels.bluetooth.state import PiconetState
 
@@ -42,11 +42,12 @@ class Schedule:
         self._air = state.air
         self._types = state.settings.types
         self._fits = state.settings.best_packets
+        self._lazy = state.settings.scheduler == "lazy"
 
     def next_slot(self) -> int:
         """Return the next TX slot with a payload or a beacon in it, or NOTHING."""
         piconet, table = self._piconet, self._table
-        if not piconet[SHARED] and piconet[SCHEDULER] == LAZY:
+        if self._lazy and not piconet[SHARED]:
             head = self._queues.head(EVERYONE)
             if head is None:
                 return polling.next_served(piconet, table)
@@ -63,7 +64,7 @@ class Schedule:
         if tick >= self._piconet[BEACON] and self._next_beacon(tick) == tick:
             return Turn(EVERYONE, payload if payload is not None and payload.lt_addr == EVERYONE else None)
         k = polling.overdue(self._piconet, self._table, tick)
-        if self._piconet[SCHEDULER] == LAZY:
+        if self._lazy:
             if k != NOTHING:
                 return Turn(k, payload if payload is not None and payload.lt_addr == k else None)
             return None if payload is None else Turn(payload.lt_addr, payload)
@@ -77,7 +78,7 @@ class Schedule:
 
     def _ready(self, tick: int) -> Payload | None:
         """Return the payload that is sent at *tick* if the slot is free, whichever link has the turn."""
-        if self._piconet[SHARED] or self._piconet[SCHEDULER] != LAZY:
+        if not self._lazy or self._piconet[SHARED]:
             return self._first(tick, self._unasked())
         head = self._queues.head(EVERYONE)
         return None if head is None or self._opening(self.sized(head), tick) != tick else head
@@ -98,8 +99,7 @@ class Schedule:
 
     def _unasked(self) -> Iterator[Payload]:
         """Return the payloads that are sent as soon as a slot is free, whichever link has the turn."""
-        lazy = self._piconet[SCHEDULER] == LAZY
-        return (payload for payload in self._sendable() if lazy or payload.lt_addr == EVERYONE)
+        return (payload for payload in self._sendable() if self._lazy or payload.lt_addr == EVERYONE)
 
     def _sendable(self) -> Iterator[Payload]:
         return self._sized(self._queues.sendable())

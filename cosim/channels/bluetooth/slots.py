@@ -5,9 +5,10 @@ which ``band`` computes, are recorded here as well.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from typing import Final, TypeAlias
 
 from cosim.channels.base import Arrival
 from cosim.channels.bluetooth import polling
@@ -37,6 +38,11 @@ from cosim.channels.bluetooth.state import PiconetState
 from cosim.kernel import AIR, Handle
 from cosim.machine import Address, Outcome, Reception
 from cosim.units import Time
+
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
+_Listener: TypeAlias = tuple[int, Address, float, bool]
+"""(number of a link or a parked slave, its address, the power in dBm with which it gets its master, whether it is there
+to receive a packet)"""
 
 
 @dataclass(slots=True)
@@ -211,56 +217,49 @@ class Slots:
 
     def _broadcast(self, tick: int, payload: Payload | None) -> None:
         """Send *payload*, or an empty beacon, to all."""
-        piconet, air = self.links.piconet, self._air
         kind, duration, _ = _shape(payload, NULL)
-        piconet[NEXT] = tick + 2 * kind.slots + 2
+        self.links.piconet[NEXT] = tick + 2 * kind.slots + 2
         self._parking.sent(tick)
         last = payload is not None and payload.tries + 1 >= self._n_bc
         if payload is not None and last:
             self._queues.remove(payload)
-        carriers = {k: air.carrier(self.address, slave) for k, slave in self._audience(payload is None)}
-        present = self._present(carriers, tick, kind.slots)
+        listeners = self._listeners(tick, kind.slots, payload is None)
         frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
-        self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, carriers, present, last))
+        self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, listeners, last))
 
-    def _audience(self, parked_only: bool) -> list[tuple[int, Address]]:
-        """Return (number, address) of the slaves that may hear a broadcast: links by LT_ADDR, then parked slaves."""
-        active = [] if parked_only else sorted(self.links.slaves.items())
-        parked = self._parking.members
-        return active + [(number, parked[number].slave) for number in sorted(parked)] if parked else active
-
-    def _present(self, audience: Iterable[int], tick: int, slots: int) -> set[int]:
-        """Return the numbers of those of an *audience* that are there for a packet of *slots* from *tick* on."""
-        piconet, table, parked = self.links.piconet, self.links.table, self._parking.members
-        here, shared = table[HERE].tolist(), piconet[SHARED]
-        return {
-            k
-            for k in audience
-            if (
-                parked[k].presence.here
-                if k in parked
-                else here[k] and (not shared or polling.open_slot(piconet, table, k, tick, slots) == tick)
-            )
-        }
+    def _listeners(self, tick: int, slots: int, parked_only: bool) -> list[_Listener]:
+        """Return who may hear a broadcast packet of *slots* from *tick* on: links by LT_ADDR, then parked slaves."""
+        links, carrier, parked = self.links, self._air.carrier, self._parking.members
+        listeners: list[_Listener] = []
+        if not parked_only:
+            piconet, table = links.piconet, links.table
+            here, shared = table[HERE].tolist(), piconet[SHARED]
+            for k, slave in sorted(links.slaves.items()):
+                there = here[k] and (not shared or polling.open_slot(piconet, table, k, tick, slots) == tick)
+                listeners.append((k, slave, carrier(self.address, slave), there))
+        for number in sorted(parked):
+            member = parked[number]
+            listeners.append((number, member.slave, carrier(self.address, member.slave), member.presence.here))
+        return listeners
 
     def _broadcast_ends(
-        self, frame: Frame, payload: Payload | None, carriers: dict[int, float], present: set[int], last: bool
+        self, frame: Frame, payload: Payload | None, listeners: Sequence[_Listener], last: bool
     ) -> None:
         arrivals: list[Arrival] = []
-        now, table = self._kernel.now, self.links.table
+        now, table, slaves, members = self._kernel.now, self.links.table, self.links.slaves, self._parking.members
         wanted = self._recorded if payload is not None else self._idle_recorded
         joined = table[JOINED].tolist()
-        for k, slave in self._audience(payload is None):
-            if k not in carriers:
-                continue  # it came while the frame was on the air
-            parked = self._parking.members.get(k)
-            tuned = k in present and bool(joined[k] if parked is None else parked.joined)
-            fate = self._fate(frame, slave, carriers[k], payload, tuned)
+        for k, slave, carrier_dbm, there in listeners:
+            parked = members.get(k)
+            if parked is None and slaves.get(k) != slave:
+                continue  # it has left while the frame was on the air
+            tuned = there and bool(joined[k] if parked is None else parked.joined)
+            fate = self._fate(frame, slave, carrier_dbm, payload, tuned)
             if wanted:
                 self._air.record(frame._replace(destination=slave), fate)
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
-                self._receive(arrivals, slave, payload, self.address, carriers[k], True)
+                self._receive(arrivals, slave, payload, self.address, carrier_dbm, True)
             if not fate.header_heard:
                 continue
             if parked is None:
@@ -296,7 +295,7 @@ class Slots:
         channel = self._air.channel(self.address, asked if self.links.piconet[USED] else tick)
         start = self.clock.time_of(tick)
         self._air.send(source, start, duration, channel)
-        return Frame(start, duration, kind.name, source, destination, channel, lt_addr, length)
+        return _new(Frame, (start, duration, kind.name, source, destination, channel, lt_addr, length))
 
     def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
         """Return the fate at *receiver* of a frame that ends now."""

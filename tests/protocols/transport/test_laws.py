@@ -223,3 +223,14 @@ def test_of_a_robots_incarnations_only_the_last_are_remembered() -> None:
     assert robot.published() == []
     hears(robot, 1, Publication(0, 1, b"x"), incarnation=1)
     assert len(robot.published()) == 1, "it was forgotten"
+
+
+def test_an_incarnation_that_goes_on_is_remembered_longer_than_later_ones_that_do_not() -> None:
+    robot = transport()
+    for number, life in enumerate((0, 1, 2, 3, 0, 4), 1):
+        hears(robot, 1, Publication(0, number, b"x"), incarnation=life)
+    robot.published()
+    hears(robot, 1, Publication(0, 5, b"x"), incarnation=0)
+    assert robot.published() == [], "0 was heard after 1"
+    hears(robot, 1, Publication(0, 2, b"x"), incarnation=1)
+    assert len(robot.published()) == 1, "1 was forgotten in place of it"

@@ -2,10 +2,10 @@
 
 import pytest
 
-from cosim.machine import BROADCAST, Connected, Lost, Page, PageFailed, Reception, Role
+from cosim.machine import BROADCAST, Connected, Fate, Lost, Outcome, Outgoing, Page, PageFailed, Reception, Role
 from cosim.units import S
-from protocols.transport.frames import ALL, Ack, Frame, Publication, encode
-from tests.protocols.transport.transport_alone import bluetooth_transport, linked, sent
+from protocols.transport.frames import ALL, Ack, Frame, Part, Publication, encode
+from tests.protocols.transport.transport_alone import TIMES, bluetooth_transport, linked, sent, transport
 
 
 def test_a_master_that_follows_another_tells_it_of_its_slaves_and_they_are_paged_at_once() -> None:
@@ -91,9 +91,62 @@ def test_only_who_has_something_to_do_about_news_says_so() -> None:
     assert [each.payload for each in slave.published()] == [b"x"]
     assert master.receive(news, Reception(1, False), S), "it relays it"
     assert slave.receive(b"noise", Reception(0, True), S), "there is an event"
-    assert bluetooth_transport(2).receive(news, Reception(0, True), S), "its first link commands wait"
+    assert not bluetooth_transport(2).receive(news, Reception(0, True), S)
+    assert transport(2, 4, links=TIMES).receive(news, Reception(0, True), S), "its first link commands wait"
     slave.receive(news, Reception(0, True), 5 * S)
     assert slave.receive(news, Reception(0, True), 3 * S), "its clock was set back, and with it the deadlines"
+
+
+def test_a_tick_says_whether_anything_has_come_of_it() -> None:
+    master = linked(bluetooth_transport(0), Role.MASTER, 1, 2)
+    assert master.tick((), 0), "it has somebody to page"
+    assert master.drain() == [Page(3)]
+    assert not master.tick((), S)
+    assert master.tick((), 2 * S), "it lets itself be heard"
+    ((_, beat),) = sent(master)
+    assert beat.body == Publication(255, 1, b"")
+    assert not master.tick((), 3 * S)
+    assert master.tick((), S), "its clock was set back, and with it the deadlines"
+    assert not master.tick((), S)
+
+
+def test_a_tick_comes_before_the_deadline_of_its_instant_and_meets_it() -> None:
+    robot = linked(bluetooth_transport(2), Role.SLAVE, 0)
+    robot.send(1, b"x", 0)
+    assert len(sent(robot)) == 1
+    due = robot.wake_at()
+    assert due is not None
+    assert not robot.tick((), due - 1)
+    assert robot.tick((), due)
+    assert robot.wake_at() > due  # type: ignore[operator]
+
+
+def test_a_fate_says_whether_anything_has_waited_for_it() -> None:
+    slave = linked(bluetooth_transport(2), Role.SLAVE, 0)
+    for value in range(6):
+        slave.publish(value, b"", 0)
+    tokens = [item.token for item in slave.drain() if isinstance(item, Outgoing)]
+    assert len(tokens) == 4, "the radio holds no more"
+    assert slave.link(Fate(tokens[0] or 0, Outcome.SENT), S), "there is room for the next"
+    assert slave.link(Fate(tokens[1] or 0, Outcome.SENT), S)
+    assert len(sent(slave)) == 2
+    assert not slave.link(Fate(tokens[2] or 0, Outcome.SENT), S), "there was nothing left to wait"
+    slave.send(1, b"x", S)
+    assert slave.link(Fate(tokens[3] or 0, Outcome.SENT), S), "a message waits for its answer"
+
+
+def test_what_others_wait_for_is_sent_as_soon_as_a_fate_makes_room() -> None:
+    master, slave = linked(bluetooth_transport(0), Role.MASTER, 1, 2), linked(bluetooth_transport(2), Role.SLAVE, 0)
+    for number in range(5):
+        master.receive(encode(Frame(1, 2, 0, Ack(0, number, 0))), Reception(1, False), 0)
+        slave.publish(number, b"", 0)
+    slave.link(Fate(1, Outcome.SENT), 0)
+    slave.receive(encode(Frame(1, 2, 0, Part(0, 0, 0, 1, b"x"))), Reception(0, False), 0)
+    for robot, waiting in ((master, Ack(0, 4, 0)), (slave, Ack(0, 1, 0))):
+        assert len(sent(robot)) == (4 if robot is master else 5)
+        assert robot.link(Fate(2, Outcome.SENT), 0)
+        ((_, frame),) = sent(robot)
+        assert frame.body == waiting
 
 
 def test_what_waits_for_a_slave_that_is_lost_is_not_passed_on_later() -> None:
