@@ -259,6 +259,7 @@ def test_hosts_get_the_same_whatever_is_kept_and_nothing_is_kept_that_is_not_wan
             assert host.received
             assert (host.received, host.events) == (same.received, same.events)
         assert wanted.kernel.executed == other.kernel.executed
-        assert not other.channel.intervals._open
+        assert other.channel.under_way(S) == []
+        assert other.channel._linked == set()
     assert wanted.rows(FRAMES) == some.rows(FRAMES)
     assert none.trace.tables == {}
