@@ -8,7 +8,7 @@ from cosim.machine import Address
 from cosim.protocol import ProtocolSpec, Referee, Surroundings, anywhere
 from cosim.units import Time
 from protocols.agents.machine import TOPIC, AgentMachine, Parameters
-from protocols.transport.decoding import Sent, decode_all
+from protocols.transport.decoding import TransportFrame, decode_all
 from protocols.transport.frames import Part, Publication
 from protocols.transport.links import MOST_ROBOTS
 from protocols.wire import BadBytes
@@ -39,7 +39,7 @@ def make(parameters: Parameters, size: int, me: Address, stream: Any, start: Tim
     return AgentMachine(parameters, size, me, start)
 
 
-def decode(parameters: Parameters, size: int, data: bytes) -> Sent:
+def decode(parameters: Parameters, size: int, data: bytes) -> TransportFrame:
     """Return the frame that *data* is, with the message in it; raise WireError if it is none."""
 
     def message(body: Part | Publication) -> dict[str, str]:

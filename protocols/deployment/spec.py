@@ -22,7 +22,7 @@ from protocols.deployment.tasks.events import EVENTS, PlanRefused
 from protocols.deployment.tasks.plan import Place
 from protocols.mapping import frames
 from protocols.motion.floor import Floor
-from protocols.transport.decoding import Sent, decode_all
+from protocols.transport.decoding import TransportFrame, decode_all
 from protocols.transport.frames import Part, Publication
 from protocols.transport.links import MOST_ROBOTS
 
@@ -139,7 +139,7 @@ def measure(machines: Sequence[Runner]) -> dict[str, float]:
     }
 
 
-def decode(parameters: Parameters, size: int, data: bytes) -> Sent:
+def decode(parameters: Parameters, size: int, data: bytes) -> TransportFrame:
     """Return the frame that *data* is in a team of *size*, with the letter, status or map in it.
 
     Raise WireError if it is none.

@@ -10,10 +10,10 @@ from protocols.transport.frames import Ack, Part, Publication, decode
 from protocols.transport.transport import BEAT
 
 Decoder: TypeAlias = Callable[[Part | Publication], Any]
-"""(a publication, or a part that is a whole message) -> what its payload says; WireError or struct.error if it says nothing."""
+"""(a publication, or a part that is a whole message) -> what its payload says; WireError or struct.error if nothing."""
 
 
-class Sent(NamedTuple):
+class TransportFrame(NamedTuple):
     """A frame, decoded to the bottom."""
 
     author: Address
@@ -26,10 +26,10 @@ class Sent(NamedTuple):
     """What its payload says; a sentence if that is not for the author's protocol, or nothing."""
 
 
-def decode_all(data: bytes, content: Decoder) -> Sent:
+def decode_all(data: bytes, content: Decoder) -> TransportFrame:
     """Return the frame that *data* is, what it carries decoded by *content*; raise WireError if it is no frame."""
     frame = decode(data)
-    return Sent(*frame, _content(frame.body, content))
+    return TransportFrame(*frame, _content(frame.body, content))
 
 
 def _content(body: Ack | Part | Publication, content: Decoder) -> Any:
