@@ -19,6 +19,8 @@ from cosim.trace import TRANSMISSIONS
 from cosim.units import S
 from protocols.deployment.messages.messages import YieldRequest
 from protocols.deployment.messages.messages import encode as encode_letter
+from protocols.deployment.messages.status import News
+from protocols.deployment.messages.status import encode as encode_news
 from protocols.mapping.frames import Piece, Stream, to_runs
 from protocols.mapping.frames import encode as encode_map
 from protocols.reflection.frames import Frame as ReflectionFrame
@@ -28,6 +30,7 @@ from protocols.transport.transport import BEAT
 from protocols.wire import seal
 
 NAMES = protocol_names()
+NEWS = News(0, 1, 2, 0, 0, None, True, 1.0, 2.0, 0.5, 0.0, None, "go")
 
 
 def scenario(name: str, size: int = 4, channel: Any = None, **parameters: Any) -> Scenario:
@@ -193,6 +196,8 @@ def test_a_transport_s_frame_is_decoded_with_the_letter_or_map_in_it() -> None:
     assert content("deployment", Part(4, 4, 0, 1, payload)) == asked
     assert content("deployment", Part(5, 4, 1, 3, payload)) == "part 2 of the 3 of a message"
     assert content("deployment", Ack(7, 3, 0b101)) is None
+    told = content("deployment", Publication(0, 1, encode_news(NEWS)))
+    assert told == {"type": "News", **NEWS._asdict()}
     assert content("deployment", Publication(BEAT, 1, bytes([3, 0]))) == {
         "heartbeat": "of the transport",
         "without_master": [3, 0],
@@ -212,7 +217,7 @@ def test_a_transport_s_frame_is_decoded_with_the_letter_or_map_in_it() -> None:
     "body",
     [
         Publication(0, 1, b"no status"),
-        Publication(200, 1, b"?"),
+        Publication(200, 1, encode_news(NEWS)),  # of no topic of theirs
         Part(4, 4, 0, 1, b"{}"),
         Part(4, 4, 0, 1, encode_letter(YieldRequest(robot=4, from_m=(0, 0), way_m=()))),  # of a team of 4
     ],
