@@ -102,7 +102,8 @@ TRANSMISSIONS: Final = Table(
 RECEPTIONS: Final = Table(
     "receptions",
     "what became of a transmission at a robot, a row for each that it was meant for, and each other that it disturbed "
-    "or informed",
+    "or informed; of what a robot sends at one instant over an ideal or optical channel in the order of transmissions, "
+    "if there is no jitter",
     (
         Field("time_ns", "int", "ns", "start of the frame"),
         Field("source", "int", "", "transmitter"),

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.intervals import HOST, JAMMER, STATES, Interval
 from cosim.simulation import Simulation
-from cosim.trace import INTERVALS
+from cosim.trace import INTERVALS, TABLES
 from cosim.units import MS, S, Time
 from tests.faults.fault_scene import kill, radio_off, scenario
 
@@ -129,10 +129,10 @@ def test_what_is_under_way_is_told_by_radios_robots_and_jammers_in_the_midst_of_
 
 
 @pytest.mark.parametrize("kind", ["ideal", "optical", "adhoc", "bluetooth"])
-def test_a_run_has_the_same_digest_and_kernel_events_whether_intervals_are_kept_or_not(kind: str) -> None:
+def test_a_run_has_the_same_digest_and_kernel_events_whether_tables_are_kept_or_not(kind: str) -> None:
     lasting = fault("crash", 0, 1.0, 0.5), fault("frozen", 1, 1.0, 2.0), fault("clock_step", 1, 1.0, by_s=1.0)
     made = scenario(*lasting, kill(1, 3.0), channel={"kind": kind}, far_m=2.0)
-    with_rows, without = Simulation(made, 1, (INTERVALS,)), Simulation(made, 1)
+    with_rows, without = Simulation(made, 1, tuple(TABLES.values())), Simulation(made, 1)
     one, other = with_rows.run(), without.run()
     assert (one.digest, one.metrics) == (other.digest, other.metrics)
     assert with_rows.trace.columns("intervals")["radio"].count(HOST) == 4
