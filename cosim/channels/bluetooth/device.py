@@ -14,6 +14,7 @@ from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller
+from cosim.channels.bluetooth.courses import Courses
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
@@ -27,6 +28,7 @@ from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import LocalProtocolError, UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.intervals import Interval
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import (
     BROADCAST,
@@ -88,6 +90,7 @@ class BluetoothChannel(Channel):
         self._all_on = True
         self._reach = _reach(settings, size, streams, floor, power_classes)
         self._calls_wanted = trace.wants(CALLS)
+        self._courses = Courses(self.intervals)
         self._idle_wanted = settings.idle_frames and trace.wants(FRAMES)
         self.air = Air(
             size,
@@ -182,7 +185,10 @@ class BluetoothChannel(Channel):
         self._all_on = bool(self._on.all())
         self._update_powers()
         if on:
+            self.intervals.end(address, "off", self.kernel.now)
             device.switch_on()
+        else:
+            self.intervals.begin(address, "off", self.kernel.now)
 
     def jam(self, jammer: Jammer) -> None:
         """Put *jammer* on the air as well, at its times."""
@@ -201,6 +207,15 @@ class BluetoothChannel(Channel):
         """Record idle frames up to *now* if they are wanted; powers do not change here but in ``moved``."""
         if self._idle_wanted:
             self.air.advance(now)
+
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return what its radios are doing *now*, and write what is over: devices skip ahead."""
+        return [*self._courses.under_way(now), *super().under_way(now)]
+
+    def close(self, now: Time) -> None:
+        """Write what is not over: the run is."""
+        self._courses.close(now)
+        super().close(now)
 
     def _update_powers(self) -> None:
         powers = self._reach.power_dbm()
@@ -266,7 +281,7 @@ class BluetoothChannel(Channel):
         clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
         narrow = NARROW if self.settings.channels == 23 else 0
         identity = Identity(address, int(stream.integers(1 << 32)) | narrow, clock)
-        radio = Radio(self.kernel, self.air, identity)
+        radio = Radio(self.kernel, self.air, identity, self._courses)
         return Controller(radio, self.settings, self.devices, self._report, self._call)
 
     def _equip(self, device: Controller, streams: Streams) -> None:

@@ -23,6 +23,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.channels.bluetooth.bits.errors import HEADER
 from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.courses import Phase
 from cosim.channels.bluetooth.hopping import (
     GIAC,
     NARROW,
@@ -44,6 +45,7 @@ from cosim.channels.bluetooth.scanning import (
     next_meeting,
     next_meeting_between,
 )
+from cosim.channels.bluetooth.trains import train_words
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Handle
 from cosim.machine import Address
@@ -111,6 +113,9 @@ class InquiryScanner:
             self._bound = SHORT_BACKOFF_SLOTS
         self._windows = ScanWindows(self.clock, offset_ticks, settings.interval_ticks, settings.interlaced)
         self._draws = draws
+        self._courses = radio.courses
+        self._course = radio.courses.begin(self.address)
+        self._answers_until: Time = 0  # the end of the last FHS
         self._since: Time = 0  # deaf before; then RESPONSE until the limit, if there is one, and SCAN
         self._limit: Time | None = None
         self._expected: dict[Inquiry, Handle | None] = {}  # the next ID of each inquiry that might be heard
@@ -121,10 +126,14 @@ class InquiryScanner:
         if not self.enabled:
             self.enabled = True
             self._scan(now)
+            self._plan()
 
     def disable(self) -> None:
         """Stop scanning; an answer that has not been started is not sent."""
         self.enabled = False
+        if self._courses.wanted:
+            now = self._kernel.now
+            self._course.plan(now, Phase(now, "inquiry_response"), Phase(max(now, self._answers_until)))
         self._ignore()
         if self._answering is not None:
             self._answering.cancel()
@@ -147,6 +156,16 @@ class InquiryScanner:
         self._since, self._limit, self._answering = since, limit, None
         for inquiry in self._expected:
             self._expect(inquiry, inquiry.ids.first)
+
+    def _plan(self, *before: Phase) -> None:
+        """Plan what it does from now on: first what comes *before* it listens again."""
+        if not self._courses.wanted:
+            return
+        windows = Phase(self._since, "inquiry_scan", parts=self._windows.stretches)
+        listening = (windows,)
+        if self._limit is not None:
+            listening = (Phase(self._since, "inquiry_response"), windows._replace(since=self._limit))
+        self._course.plan(self._kernel.now, *before, *listening)
 
     def _ignore(self) -> None:
         for inquiry, handle in self._expected.items():
@@ -194,8 +213,11 @@ class InquiryScanner:
         if self._backs_off_first and not (self._limit is not None and end <= self._limit):
             waited = self._backoff(start, start)
             self._scan(max(self.clock.at_local(waited), end), self.clock.at_local(waited + RESPONSE_TIMEOUT))
+            self._plan(Phase(end, "inquiry_backoff"))
         else:
             self._ignore()
+            if self._courses.wanted:
+                self._course.plan(end, Phase(end, "inquiry_response"))
             self._answering = self._kernel.at(start + RESPONSE_DELAY, partial(self._answer, inquiry, meeting, start))
 
     def _backoff(self, heard: Time, begin: Time) -> Time:
@@ -213,7 +235,9 @@ class InquiryScanner:
         inquiry.reply(frame, meeting.tick, clkn)
         self.n += 1
         end = start + FHS_AIR
+        self._answers_until = end
         self._scan(end if self._backs_off_first else self.clock.at_local(self._backoff(heard, end)))
+        self._plan(Phase(start, "inquiry_response"), Phase(end, "inquiry_backoff"))
 
 
 class _Reply:
@@ -277,6 +301,12 @@ class Inquiry:
         self._end = kernel.at(clock.time_of(self.ids.end + 1), self._complete)
         train = self.ids.on_air(self.address, clock.time_of(first))
         self._air.open_train(train, scan_channels(self.word), kernel.now)
+        self._courses = radio.courses
+        self._course = radio.courses.begin(self.address)
+        if radio.courses.wanted:
+            parts = partial(self.ids.stretches, before="", after=train_words(self.ids, self.word))
+            phases = Phase(clock.time_of(first), "inquiry", parts=parts), Phase(clock.time_of(end))
+            self._course.plan(kernel.now, *phases)
         for scanner in scanners:
             scanner.join(self)
 
@@ -284,6 +314,7 @@ class Inquiry:
         """End it now; nothing is reported any more, and answers under way are lost."""
         self._over = True
         self._over_since = self._kernel.now
+        self._courses.end(self._course, self._kernel.now)
         self._air.close_train(self.address, self._kernel.now)
         self._end.cancel()
         for scanner in self._scanners:

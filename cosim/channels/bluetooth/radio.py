@@ -8,7 +8,7 @@ first.
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, Literal, NamedTuple, TypeAlias
 
@@ -21,6 +21,7 @@ from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.clock import NativeClock, start_of
+from cosim.channels.bluetooth.courses import Courses
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
@@ -480,3 +481,5 @@ class Radio:
     kernel: Kernel
     air: Air
     identity: Identity
+    courses: Courses = field(default_factory=Courses)
+    """What all devices do, for who wants to see it."""
