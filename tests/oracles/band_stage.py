@@ -130,6 +130,8 @@ class Stage:
     """(device, bound, tick) -> an integer in [0, bound): the scanner's back-off."""
     book: Book = field(default_factory=Book)
     now: int = 0
+    happened: Callable[[int], None] = lambda now: None
+    """Called with the instant of every event."""
 
     def __post_init__(self) -> None:
         self.air = Air(self.scene.radio, len(self.scene.bodies))
@@ -161,6 +163,7 @@ class Stage:
         while self.agenda and self.agenda[0][0] < self.scene.end:
             self.now, *_, act = heappop(self.agenda)
             act()
+            self.happened(self.now)
         self.book.sort()
 
     def doubt(self, why: str) -> None:

@@ -20,7 +20,7 @@ from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
-from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
+from cosim.channels.bluetooth.radio import Air, Arrived, Fate, Frame, Identity, Radio
 from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
@@ -50,7 +50,7 @@ from cosim.machine import (
 )
 from cosim.protocol import Metric
 from cosim.randomness import Streams
-from cosim.trace import CALLS, FRAMES, Trace
+from cosim.trace import CALLS, FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import TICK, Time, to_seconds
 
 Floor: TypeAlias = tuple[SegmentGrid, Floats]
@@ -91,13 +91,17 @@ class BluetoothChannel(Channel):
         self._reach = _reach(settings, size, streams, floor, power_classes)
         self._calls_wanted = trace.wants(CALLS)
         self._courses = Courses(self.intervals)
-        self._idle_wanted = settings.idle_frames and trace.wants(FRAMES)
+        self._switched_off: list[Time] = [-1] * size  # when each was last
+        wanted = {table: trace.wants(table) for table in (FRAMES, TRANSMISSIONS, RECEPTIONS)}
+        self._idle_wanted = settings.idle_frames and any(wanted.values())
         self.air = Air(
             size,
-            self._record if trace.wants(FRAMES) else None,
+            self._record if wanted[FRAMES] else None,
             settings.interference,
             settings.noise_dbm,
             streams.draws("bluetooth", "errors").key,
+            self._record_sent if wanted[TRANSMISSIONS] else None,
+            self._record_arrived if wanted[RECEPTIONS] else None,
         )
         self._transport = (
             None
@@ -178,6 +182,7 @@ class BluetoothChannel(Channel):
         if on == device.powered:
             return
         if not on:
+            self._switched_off[address] = self.kernel.now
             device.switch_off()
             if self._transport is not None:
                 self._transport.clear(address)
@@ -247,6 +252,18 @@ class BluetoothChannel(Channel):
         self.trace.row(
             FRAMES, start, source, destination, duration, kind, channel, lt_addr, length, heard.value, part.value
         )
+
+    def _record_sent(self, frame: Frame, body: bytes, again: bool) -> None:
+        start, duration, kind, source, destination, channel, lt_addr, length = frame
+        whole = not start <= self._switched_off[source] < start + duration
+        sent = 0, 0, again, False, whole, body.hex()
+        self.trace.row(TRANSMISSIONS, start, source, kind, destination, *sent, duration, channel, lt_addr, length)
+
+    def _record_arrived(self, frame: Frame, fate: Fate, arrived: Arrived) -> None:
+        power_dbm = arrived.power_dbm if arrived.power_dbm > float("-inf") else None
+        sinr_db = self.air.sinr_db(arrived) if fate.judged else None
+        row = frame.destination, power_dbm, sinr_db, fate.heard.value, fate.part.value
+        self.trace.row(RECEPTIONS, frame.start, frame.source, *row)
 
     def _call(self, address: Address, depth: int, name: str, detail: str) -> None:
         self.trace.row(CALLS, self.kernel.now, address, CALL_DEPTH + depth, "bluetooth", name, detail)

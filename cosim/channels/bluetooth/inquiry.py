@@ -33,7 +33,7 @@ from cosim.channels.bluetooth.hopping import (
     scan_channels,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Fate, Frame, Radio
+from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Arrived, Fate, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -48,7 +48,7 @@ from cosim.channels.bluetooth.scanning import (
 from cosim.channels.bluetooth.trains import train_words
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Handle
-from cosim.machine import Address
+from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.settings import Count, Settings, error_at
 from cosim.units import SLOT, Time
@@ -209,7 +209,8 @@ class InquiryScanner:
         if self._air.judge(frame, self.address, carrier_dbm) is not GOOD:
             self._expect(inquiry, meeting.tick + 1)
             return
-        self._air.record(frame, GOOD)
+        inquiry.record_id(frame)
+        self._air.record(frame, GOOD, Arrived(carrier_dbm))
         if self._backs_off_first and not (self._limit is not None and end <= self._limit):
             waited = self._backoff(start, start)
             self._scan(max(self.clock.at_local(waited), end), self.clock.at_local(waited + RESPONSE_TIMEOUT))
@@ -297,6 +298,7 @@ class Inquiry:
         self._over_since: Time = FOREVER
         self._unsettled: list[_Reply] = []  # begun in this order, not yet known whether the receiver locks on them
         self._locked: _Reply | None = None
+        self._recorded: Time = -1  # the start of the last ID that was heard
         # the answer to the last ID ends within the tick after the last receive slot
         self._end = kernel.at(clock.time_of(self.ids.end + 1), self._complete)
         train = self.ids.on_air(self.address, clock.time_of(first))
@@ -319,6 +321,12 @@ class Inquiry:
         self._end.cancel()
         for scanner in self._scanners:
             scanner.leave(self)
+
+    def record_id(self, frame: Frame) -> None:
+        """Record that an ID has been sent, as somebody has heard it: once, however many have."""
+        if frame.start > self._recorded:
+            self._recorded = frame.start
+            self._air.record_sent(frame._replace(destination=BROADCAST))
 
     def sends(self, start: Time) -> bool:
         """Return whether the ID at *start*, now, is sent: not while an FHS is being received."""
@@ -364,7 +372,8 @@ class Inquiry:
             fate = UNTUNED
         else:
             fate = reply.lost or self._air.judge(frame, self.address, reply.carrier_dbm, FHS_BITS, HEADER)
-        self._air.record(frame, fate)
+        self._air.record_sent(frame)
+        self._air.record(frame, fate, Arrived(reply.carrier_dbm))
         if fate is GOOD and frame.source not in self.found:
             self._report(reply)
 

@@ -32,7 +32,7 @@ from cosim.channels.bluetooth.hopping import (
     slave_response_channel,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, HEADER_AIR, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Frame, Radio
+from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Arrived, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -310,7 +310,8 @@ class Page:
         if self.air.judge(frame, self.scanner.address, carrier_dbm) is not GOOD:
             self._seek(meeting.tick + 1)
             return
-        self.air.record(frame, GOOD)
+        self.air.record_sent(frame)
+        self.air.record(frame, GOOD, Arrived(carrier_dbm))
         self._exchange = _Exchange(self, meeting, frame.start)
         self.scanner.engage(self._exchange)
         self.scanner.wait(self._exchange, frame.start + RESPONSE_DELAY + PAGE_RESPONSE_TIMEOUT)
@@ -340,11 +341,14 @@ class _Exchange:
         self._frozen_clke = meeting.tick + 2 + page.ids.estimate
         self._scan_at = start + RESPONSE_DELAY + PAGE_RESPONSE_TIMEOUT
         self._acknowledged = False
+        self._under_way: Frame | None = None
         self._pending = self._kernel.at(start + RESPONSE_DELAY, self._respond)
 
     def abandon(self) -> None:
         """Let the pager take no further part; the scanner notices by its time-out."""
         self._pending.cancel()
+        if self._under_way is not None:  # nobody will ask what became of it
+            self._page.air.record_sent(self._under_way)
         if self.slave:
             self._page.scanner.finish(self)
         else:
@@ -467,15 +471,18 @@ class _Exchange:
     def _transmit(self, frame: Frame, tuned: bool, then: _Then) -> None:
         air = self._page.air
         air.put(frame)
+        self._under_way = frame
         carrier = air.carrier(frame.source, frame.destination)
         self._pending = self._kernel.after(frame.duration, partial(self._arrive, frame, carrier, tuned, then))
 
     def _arrive(self, frame: Frame, carrier_dbm: float, tuned: bool, then: _Then) -> None:
         air = self._page.air
+        self._under_way = None
         if not tuned:
             fate = UNTUNED if air.reaches(carrier_dbm) else FAR
         else:
             bits = FHS_BITS if frame.kind == "FHS" else 0
             fate = air.judge(frame, frame.destination, carrier_dbm, bits)
-        air.record(frame, fate)
+        air.record_sent(frame)
+        air.record(frame, fate, Arrived(carrier_dbm))
         then(fate is GOOD)
