@@ -21,7 +21,6 @@ def live(scene: Scene, draw: Callable[[int, int, int], int], watched: bool = Fal
     diary = Diary(stage)
     if watched:
         diary.start()
-        stage.happened = diary.look_at
     masters = {wish.master if isinstance(wish, Join) else wish.device for wish in scene.inputs if is_founding(wish)}
     for address in sorted(masters):
         Piconet(stage, stage.devices[address]).start()

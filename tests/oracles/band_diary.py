@@ -1,7 +1,7 @@
-"""What all devices do, for the oracle of the whole band: looked at in every tick of every clock, and at every event.
+"""What all devices do, for the oracle of the whole band: looked at in every tick of their clocks, and at every event.
 
 What a device is found in at two looks after each other it has been in all the time between; equal neighbours make one
-row.
+row. An event in which something is sent, or an ID is to be, changes what its own device does, any other what all do.
 """
 
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from tests.oracles.band_searches import Inquiry, Page
-from tests.oracles.band_stage import Device, Stage
+from tests.oracles.band_stage import AIR, SEARCH, Device, Stage
 from tests.oracles.medium import WINDOW, Windows
 from tests.oracles.scanners import CONNECTED, SCAN, Paged, Scanner
 
@@ -35,48 +35,58 @@ class Diary:
 
     stage: Stage
     rows: list[Row] = field(default_factory=list)
-    since: dict[tuple[int, Doing], int] = field(default_factory=dict)
-    """When what is still going on has begun."""
-    looks: set[int] = field(default_factory=set)
-    """Instants at which it has looked, or will."""
+    since: list[dict[Doing, int]] = field(default_factory=list)
+    """When what is still going on has begun, by device."""
+    looks: set[tuple[int, int]] = field(default_factory=set)
+    """(instant, device) at which it has looked, or will."""
 
     def start(self) -> None:
-        self.look_at(0)
+        """Look from now on at what happens on the stage."""
+        self.stage.happened = self.happened
         for device in self.stage.devices:
-            self.tick_away(device, device.clock.tick(0) + 1)
+            self.since.append({})
+            self.look_at(0, device)
+            self.look_in(device, device.clock.tick(0) + 1)
 
-    def tick_away(self, device: Device, tick: int) -> None:
-        """Look in every tick of *device*."""
-        time = device.clock.start(tick)
-        self.look_at(time)
-        self.stage.at(time, LOOK, device.address, lambda: self.tick_away(device, tick + 1))
+    def happened(self, phase: int, order: int) -> None:
+        own = phase in (SEARCH, AIR)
+        for device in [self.stage.devices[order]] if own else self.stage.devices:
+            self.look_at(self.stage.now, device)
 
-    def look_at(self, time: int) -> None:
-        """Look at *time*, when all that happens then has happened."""
-        if time not in self.looks:
-            self.looks.add(time)
-            self.stage.at(time, LOOK, -1, self.look)
+    def look_in(self, device: Device, tick: int) -> None:
+        """Look at *device* in a *tick* of its clock, and in all after it."""
 
-    def look(self) -> None:
-        now = self.stage.now
-        found = {(device.address, doing) for device in self.stage.devices for doing in all_of(device, now)}
-        for what in [what for what in self.since if what not in found]:
-            self.end(what, now)
-        for what in found:
-            self.since.setdefault(what, now)
-        for device in self.stage.devices:
-            for time in turns(device):
-                if time > now:
-                    self.look_at(time)
+        def look() -> None:
+            self.look(device)
+            self.look_in(device, tick + 1)
 
-    def end(self, what: tuple[int, Doing], now: int) -> None:
-        address, (state, detail) = what
-        self.rows.append(Row(self.since.pop(what), address, now, state, detail))
+        self.stage.at(device.clock.start(tick), LOOK, device.address, look)
+
+    def look_at(self, time: int, device: Device) -> None:
+        """Look at *device* at *time*, when all that happens then has happened."""
+        if (time, device.address) not in self.looks:
+            self.looks.add((time, device.address))
+            self.stage.at(time, LOOK, device.address, lambda: self.look(device))
+
+    def look(self, device: Device) -> None:
+        now, since = self.stage.now, self.since[device.address]
+        found = set(all_of(device, now))
+        for doing in since.keys() - found:
+            self.end(device.address, doing, now)
+        for doing in found:
+            since.setdefault(doing, now)
+        for time in turns(device):
+            if time > now:
+                self.look_at(time, device)
+
+    def end(self, address: int, doing: Doing, now: int) -> None:
+        self.rows.append(Row(self.since[address].pop(doing), address, now, *doing))
 
     def close(self, now: int) -> list[Row]:
         """Return all rows: the scene is over."""
-        for what in list(self.since):
-            self.end(what, now)
+        for address, since in enumerate(self.since):
+            for doing in list(since):
+                self.end(address, doing, now)
         return sorted(row for row in self.rows if row.end > row.start)
 
 
