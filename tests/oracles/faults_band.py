@@ -41,8 +41,8 @@ BAND_FAULTS = [
         "only the last interferer counts",
         "band",
         "medium",
-        "total += 10.0 ** (dbm / 10.0) * _weight(mode, frame",
-        "total = 10.0 ** (dbm / 10.0) * _weight(mode, frame",
+        "total += elementary.exp10(dbm / 10.0) * _weight(mode, frame",
+        "total = elementary.exp10(dbm / 10.0) * _weight(mode, frame",
     ),
     Fault(
         "draws of both directions are exchanged", "band", "medium", "source << 16 | receiver", "receiver << 16 | source"
@@ -418,8 +418,8 @@ BAND_FAULTS = [
         "the header of what is refused is not heard",
         "band",
         "radio",
-        "in (Heard.RECEIVED, Heard.REFUSED)",
-        "in (Heard.RECEIVED,)",
+        "return self.heard is Heard.RECEIVED or self.heard is Heard.REFUSED or",
+        "return self.heard is Heard.RECEIVED or",
     ),
     Fault(
         "a new link knows nothing of places that are taken",

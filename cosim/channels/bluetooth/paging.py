@@ -263,9 +263,8 @@ class Page:
         """Plan to send IDs from *tick* on; before, unless it is the first time, an exchange is not quite over."""
         before = f"peer={self.scanner.address} "
         parts = partial(self.ids.stretches, before=before, after=train_words(self.ids, self.scanner.hop_address))
-        since, until = self.ids.clock.time_of(tick), self.ids.clock.time_of(self.ids.end)
         exchange = (self._exchanging(),) if tick > self.ids.first else ()
-        self._course.plan(self.kernel.now, *exchange, Phase(since, "page", parts=parts), Phase(until))
+        self._course.plan(self.kernel.now, *exchange, Phase(self.ids.clock.time_of(tick), "page", parts=parts))
 
     def _exchanging(self) -> Phase:
         return Phase(self.kernel.now, "page_response", f"peer={self.scanner.address} role=master")

@@ -10,6 +10,7 @@ from cosim.channels import jamming
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.propagation import PropagationSettings
+from cosim.intervals import Interval
 from cosim.kernel import WAKE, WORLD, Kernel
 from cosim.machine import (
     Address,
@@ -35,6 +36,8 @@ from tests.oracles.band_cases import Case
 from tests.oracles.band_scene import News, Scene, Seen, Send
 
 MODES = {"constant": jamming.CONSTANT, "sweeping": jamming.SWEEPING, "pulsed": jamming.PULSED}
+LOOKS = 5
+"""Parts of a run, between which somebody looks at what devices do."""
 REPETITIONS = {1: "R0", 128: "R1", 256: "R2"}
 
 
@@ -210,11 +213,17 @@ def run_channel(case: Case, model: Callable[..., BluetoothChannel] = BluetoothCh
         kernel.at(time, partial(set_powers, channel, scene, time), WORLD)
     for wish in scene.inputs:
         kernel.at(wish.time, partial(act, kernel, channel, wish), WAKE)
+    looks: list[Interval] = []
+    for part in range(1, LOOKS):  # who watches the run changes nothing, and sees parts of its rows
+        kernel.at(scene.end * part // LOOKS, lambda: looks.extend(channel.under_way(kernel.now)), WORLD)
     kernel.run(scene.end)
     channel.air.advance(scene.end)
     channel.close(scene.end)
     for start, device, end, _, state, detail in zip(*trace.columns("intervals").values(), strict=True):
         outcome.intervals.append((start, device, end, state, detail))
+    ends = {(start, device, *what): end for start, device, end, *what in outcome.intervals}
+    for start, device, now, _, *what in looks:
+        assert ends.get((start, device, *what), -1) >= now, (start, device, now, what)
     columns = trace.columns("frames")
     for start, source, to, air, kind, channel_, lt_addr, _, heard, part in zip(*columns.values(), strict=True):
         if start + air < scene.end:
