@@ -260,7 +260,7 @@ class BluetoothChannel(Channel):
         self.trace.row(TRANSMISSIONS, start, source, kind, destination, *sent, duration, channel, lt_addr, length)
 
     def _record_arrived(self, frame: Frame, fate: Fate, arrived: Arrived) -> None:
-        power_dbm = arrived.power_dbm if arrived.power_dbm > float("-inf") else None
+        power_dbm = arrived.power_dbm if self.air.fades and arrived.power_dbm > float("-inf") else None
         sinr_db = self.air.sinr_db(arrived) if fate.judged else None
         row = frame.destination, power_dbm, sinr_db, fate.heard.value, fate.part.value
         self.trace.row(RECEPTIONS, frame.start, frame.source, *row)

@@ -199,10 +199,12 @@ def settings_of(scene: Scene, idle: bool) -> BluetoothSettings:
     )
 
 
-def run_channel(case: Case, model: Callable[..., BluetoothChannel] = BluetoothChannel) -> Outcome:
-    """Run the channel, or a *model* of it, on the case."""
+def run_channel(
+    case: Case, model: Callable[..., BluetoothChannel] = BluetoothChannel, trace: Trace | None = None
+) -> Outcome:
+    """Run the channel, or a *model* of it, on the case; all that *trace* wants, frames and intervals at least, is kept."""
     scene = case.scene
-    kernel, trace = Kernel(), Trace((FRAMES, INTERVALS))
+    kernel, trace = Kernel(), trace or Trace((FRAMES, INTERVALS))
     outcome = Outcome([], [], [], [], [], [], {})
     channel = model(settings_of(scene, case.idle), kernel, trace, len(scene.bodies), Chosen(case))
     for address, body in enumerate(scene.bodies):
