@@ -31,7 +31,8 @@ STATES: Final[dict[str, str]] = {
     "page_scan": "Bluetooth: listens to pages, a window a row; window= is 1 or 2 if it is interlaced",
     "park": "Bluetooth: a slave is parked; slave= at its master, master= at its slave",
     "slave": "Bluetooth: has a link to its master=, as lt_addr=",
-    "sniff": "Bluetooth: a link is in sniff mode, active for attempt_slots= in every interval_slots=; slave= or master=",
+    "sniff": "Bluetooth: a link is in sniff mode, for attempt_slots= from offset_slots= in every interval_slots= on "
+    "the master's clock; slave= at its master, master= at its slave",
 }
 """All states, with their meanings."""
 

@@ -14,7 +14,6 @@ from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller
-from cosim.channels.bluetooth.courses import Courses
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
@@ -24,6 +23,7 @@ from cosim.channels.bluetooth.radio import Air, Arrived, Fate, Frame, Identity, 
 from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
+from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import LocalProtocolError, UserError
@@ -261,7 +261,7 @@ class BluetoothChannel(Channel):
 
     def _record_arrived(self, frame: Frame, fate: Fate, arrived: Arrived) -> None:
         power_dbm = arrived.power_dbm if self.air.fades and arrived.power_dbm > float("-inf") else None
-        sinr_db = self.air.sinr_db(arrived) if fate.judged else None
+        sinr_db = arrived.sinr_db(self.air.noise) if fate.judged else None
         row = frame.destination, power_dbm, sinr_db, fate.heard.value, fate.part.value
         self.trace.row(RECEPTIONS, frame.start, frame.source, *row)
 

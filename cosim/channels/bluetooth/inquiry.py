@@ -23,7 +23,6 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.channels.bluetooth.bits.errors import HEADER
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.courses import Phase
 from cosim.channels.bluetooth.hopping import (
     GIAC,
     NARROW,
@@ -44,8 +43,9 @@ from cosim.channels.bluetooth.scanning import (
     first_transmission,
     next_meeting,
     next_meeting_between,
+    train_words,
 )
-from cosim.channels.bluetooth.trains import train_words
+from cosim.channels.courses import Phase
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Handle
 from cosim.machine import BROADCAST, Address
@@ -161,11 +161,12 @@ class InquiryScanner:
         """Plan what it does from now on: first what comes *before* it listens again."""
         if not self._courses.wanted:
             return
-        windows = Phase(self._since, "inquiry_scan", parts=self._windows.stretches)
-        listening = (windows,)
+        phases, since = [*before], self._since
         if self._limit is not None:
-            listening = (Phase(self._since, "inquiry_response"), windows._replace(since=self._limit))
-        self._course.plan(self._kernel.now, *before, *listening)
+            phases.append(Phase(since, "inquiry_response"))
+            since = self._limit
+        windows = Phase(since, "inquiry_scan", parts=self._windows.stretches)
+        self._course.plan(self._kernel.now, *phases, windows)
 
     def _ignore(self) -> None:
         for inquiry, handle in self._expected.items():

@@ -21,7 +21,6 @@ from typing import Final, Literal, TypeAlias
 
 from pydantic import Field
 
-from cosim.channels.bluetooth.courses import Phase
 from cosim.channels.bluetooth.hopping import (
     KOFFSET,
     NARROW,
@@ -42,8 +41,9 @@ from cosim.channels.bluetooth.scanning import (
     at_meeting,
     first_transmission,
     next_meeting,
+    train_words,
 )
-from cosim.channels.bluetooth.trains import train_words
+from cosim.channels.courses import Phase
 from cosim.kernel import Handle
 from cosim.machine import Address
 from cosim.settings import Count, Settings

@@ -22,8 +22,7 @@ from collections.abc import Callable
 
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.afh import Adaptation
-from cosim.channels.bluetooth.links import Links, Parking, Presence
-from cosim.channels.bluetooth.members import Memberships
+from cosim.channels.bluetooth.links import Links, Memberships, Parking, Presence
 from cosim.channels.bluetooth.modes import Modes
 from cosim.channels.bluetooth.packets import smallest
 from cosim.channels.bluetooth.polling import (

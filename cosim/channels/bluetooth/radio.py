@@ -22,7 +22,6 @@ from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, LOG_POWERS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.clock import NativeClock, start_of
-from cosim.channels.bluetooth.courses import Courses
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
@@ -36,6 +35,7 @@ from cosim.channels.bluetooth.polling import (
     USED,
     WORD,
 )
+from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.kernel import Kernel
 from cosim.machine import Address
@@ -138,9 +138,15 @@ class Arrived(NamedTuple):
     interference_mw: float | None = None
     """The most of what overlaps one of its sections there; None if it has not been judged, or not yet been asked."""
 
+    def sinr_db(self, noise: Noise | None) -> float | None:
+        """Return the least ratio to noise and interference in dB; None where there is neither."""
+        against = 0.0 if noise is None else elementary.exp10(noise.dbm / 10.0)
+        against += self.interference_mw or 0.0
+        return None if against == 0.0 else self.power_dbm - 10.0 * elementary.log10(against)
+
 
 IdleFrame: TypeAlias = Callable[[int, int, bool, Fate, Arrived | None], None]
-"""Called with (tick, LT_ADDR, whether the frame went up to the master, its fate, what has arrived if that is wanted)."""
+"""Called with (tick, LT_ADDR, whether the frame went up to the master, its fate, what arrived if that is wanted)."""
 
 
 class Air:
@@ -177,6 +183,8 @@ class Air:
         self._record = record
         self._told_sent = sent
         self._told_arrived = arrived
+        self.recorded = not (record is None and sent is None and arrived is None)
+        """True if a trace wants frames, or what is sent, or what arrives."""
         self._running = 0
         """Number of piconets that send anything."""
         self._master: Address | None = None
@@ -252,9 +260,7 @@ class Air:
         if now >= self._closing:
             self._forget_trains(now)
 
-    def _advance_together(
-        self, now: Time, last_end: Time, log: Int64s = _NO_LOG, powers: Floats = _NO_POWERS
-    ) -> int:
+    def _advance_together(self, now: Time, last_end: Time, log: Int64s = _NO_LOG, powers: Floats = _NO_POWERS) -> int:
         self._put_sent()
         self._others = max(self._others, now + LONGEST_FRAME)
         state = self.band, self.medium, self.noise, self._jammers, self.adapted
@@ -426,11 +432,6 @@ class Air:
                 return False
         return True
 
-    @property
-    def recorded(self) -> bool:
-        """True if a trace wants frames, or what is sent, or what arrives."""
-        return not (self._record is None and self._told_sent is None and self._told_arrived is None)
-
     def record(self, frame: Frame, fate: Fate, arrived: Arrived | None = None) -> None:
         """Hand *frame*, which has just ended, its fate, and what *arrived*, to the trace, as far as that wants it."""
         if self._record is not None:
@@ -440,12 +441,6 @@ class Air:
                 met = self._interference_mw(frame, frame.destination)
                 arrived = arrived._replace(interference_mw=met)
             self._told_arrived(frame, fate, arrived)
-
-    def sinr_db(self, arrived: Arrived) -> float | None:
-        """Return the least ratio of a frame to noise and interference in dB; None where there is neither."""
-        noise_mw = 0.0 if self.noise is None else elementary.exp10(self.noise.dbm / 10.0)
-        against = noise_mw + (arrived.interference_mw or 0.0)
-        return None if against == 0.0 else arrived.power_dbm - 10.0 * elementary.log10(against)
 
     def record_sent(self, frame: Frame, body: bytes = b"", again: bool = False) -> None:
         """Hand a *frame* with a *body* to the trace, if that wants it; *again* if the body was on the air before."""

@@ -202,7 +202,7 @@ def settings_of(scene: Scene, idle: bool) -> BluetoothSettings:
 def run_channel(
     case: Case, model: Callable[..., BluetoothChannel] = BluetoothChannel, trace: Trace | None = None
 ) -> Outcome:
-    """Run the channel, or a *model* of it, on the case; all that *trace* wants, frames and intervals at least, is kept."""
+    """Run the channel, or a *model* of it, on the case; *trace* wants frames and intervals, if not more."""
     scene = case.scene
     kernel, trace = Kernel(), trace or Trace((FRAMES, INTERVALS))
     outcome = Outcome([], [], [], [], [], [], {})

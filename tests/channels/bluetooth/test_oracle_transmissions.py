@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.channels.bluetooth.trains import sent_ids
+from cosim.channels.bluetooth.scanning import sent_ids
 from cosim.intervals import Interval
 from cosim.trace import FRAMES, INTERVALS, RECEPTIONS, TRANSMISSIONS, Trace
 from tests.channels.bluetooth import test_oracle_band, test_oracle_inquiry, test_oracle_page
