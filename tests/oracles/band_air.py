@@ -8,7 +8,7 @@ those of the devices.
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from itertools import chain, takewhile
-from math import inf
+from math import inf, log10
 from typing import Literal, NamedTuple
 
 from cosim.channels.bluetooth.bits.errors import section_probabilities
@@ -151,6 +151,15 @@ class Air:
                 continue
             total += milliwatts(self.power(other.source, receiver, now)) * WEIGHTS[min(distance, 3)]
         return total
+
+    def least_ratio(self, frame: OnAir, receiver: int, carrier: float, now: int) -> float | None:
+        """Return the least ratio in dB of *carrier* to noise and interference, by sections; None without either."""
+        begin, header, payload, end = frame.start, frame.start + 72 * US, frame.start + 126 * US, frame.end
+        spans = ((begin, end),) if end - begin <= 68 * US else ((begin, header), (header, payload), (payload, end))
+        met = max(self.interference(frame, receiver, *span, now) for span in spans if span[0] < span[1])
+        noise = -inf if self.radio.noise_dbm is None else self.radio.noise_dbm
+        total = milliwatts(noise) + met
+        return 10.0 * log10(milliwatts(carrier) / total) if total else None
 
     def judge(
         self,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from cosim.channels.bluetooth.hopping import basic_channel
 from tests.oracles.band_air import POLLING
 from tests.oracles.band_hosts import REFUSED
-from tests.oracles.band_scene import ALL, KINDS, FlowNote, Seen
+from tests.oracles.band_scene import ALL, KINDS, FlowNote, Seen, Sent
 from tests.oracles.band_stage import AIR, DELIVER, Device, Entry, Link, Stage
 from tests.oracles.medium import HEADER_AIR, NOT_TUNED, OUT_OF_RANGE, RECEIVED, OnAir
 
@@ -96,6 +96,8 @@ class Piconet:
         self.master.free = tick + 2 * data.slots + 2
         channel = basic_channel(self.master.body.word, tick)
         frame = stage.air.put(now, data.air, self.master.address, channel)
+        contents = data.token, data.sent > 1
+        stage.book.sent.append(Sent(now, self.master.address, data.kind, ALL, data.air, channel, 0, *contents))
         links = [
             link
             for link in self.master.links
@@ -119,6 +121,7 @@ class Piconet:
             slave = stage.devices[link.slave]
             outcome, part = self.outcome(frame, slave.address, carrier, data, here and link.below.alive)
             stage.book.seen.append(self.seen(frame, data.kind, slave.address, 0, outcome, part))
+            stage.arrive(frame, slave.address, carrier, outcome, part)
             if heard(outcome, part):
                 stage.hear(link, slave, frame.end)
             if outcome == RECEIVED and data.token not in link.broadcasts:
@@ -179,10 +182,19 @@ class Pair:
         stage.book.counts[self.kind] += 1
         stage.book.counts["idle"] += self.idle
         frame = stage.air.put(now, air, master.address, basic_channel(master.body.word, self.tick))
+        self.sent(frame, self.kind, slave.address, data)
         stage.at(frame.end, DELIVER, master.address, lambda: self.end_of_packet(frame))
+
+    def sent(self, frame: OnAir, kind: str, to: int, data: Entry | None) -> None:
+        """Note that a frame with *data* has been sent."""
+        start, end, source, channel = frame
+        contents = (data.token, data.sent > 1) if data else (None, False)
+        row = Sent(start, source, kind, to, end - start, channel, self.link.lt_addr, *contents, self.idle)
+        self.piconet.stage.book.sent.append(row)
 
     def note(self, frame: OnAir, kind: str, to: int, outcome: str, part: str | None) -> None:
         book = self.piconet.stage.book
+        self.piconet.stage.arrive(frame, to, self.down if to == self.link.slave else self.up, outcome, part, self.idle)
         into = book.idle if self.idle else book.seen
         into.append(self.piconet.seen(frame, kind, to, self.link.lt_addr, outcome, part))
 
@@ -231,6 +243,7 @@ class Pair:
             reply.sent += 1
             reply.chosen = False
         frame = stage.air.put(stage.now, air, link.slave, basic_channel(self.piconet.master.body.word, tick))
+        self.sent(frame, reply.kind if reply else "NULL", link.master, reply)
         stage.at(frame.end, DELIVER, link.slave, lambda: self.end_of_answer(frame))
 
     def end_of_answer(self, frame: OnAir) -> None:

@@ -124,6 +124,37 @@ class Seen(NamedTuple):
     """The section that failed."""
 
 
+class Sent(NamedTuple):
+    """A frame on the air; an ID, if anybody has heard it."""
+
+    start: int
+    source: int
+    kind: str
+    destination: int
+    air: int
+    channel: int
+    lt_addr: int
+    token: int | None = None
+    """Of the payload in it."""
+    again: bool = False
+    """The payload has been on the air before."""
+    idle: bool = False
+    """No side of the transaction has a payload."""
+
+
+class Arrived(NamedTuple):
+    """What arrives of a frame at *receiver*: power in dBm, and the least ratio in dB to noise and interference."""
+
+    start: int
+    source: int
+    receiver: int
+    power_dbm: float | None
+    sinr_db: float | None
+    outcome: str
+    part: str | None
+    idle: bool = False
+
+
 class Delivery(NamedTuple):
     """A payload, named by its token, reaches a host."""
 
@@ -182,6 +213,10 @@ class Book:
     seen: list[Seen] = field(default_factory=list)
     idle: list[Seen] = field(default_factory=list)
     """Frames of transactions in which neither side has a payload."""
+    sent: list[Sent] = field(default_factory=list)
+    arrived: list[Arrived] = field(default_factory=list)
+    ids: list[tuple[int, int, int]] = field(default_factory=list)
+    """(start, source, channel) of all IDs, heard or not."""
     deliveries: list[Delivery] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
     losses: list[Loss] = field(default_factory=list)
@@ -189,6 +224,8 @@ class Book:
     counts: Counter[str] = field(default_factory=Counter)
     """Packets of connected devices by type, and idle polls; an answer counts once it is known that it comes."""
     flow: list[FlowNote] = field(default_factory=list)
+    intervals: list[tuple[int, int, int, str, str]] = field(default_factory=list)
+    """(start, device, end, state, detail) of all that devices did, if they were watched."""
     doubts: list[tuple[int, str]] = field(default_factory=list)
     """What the readings do not settle; a case in which it happens proves nothing."""
 

@@ -13,7 +13,7 @@ from cosim.channels.bluetooth.hopping import (
     page_scan_channel,
 )
 from tests.oracles.band_air import FHS, IDENT, POLLING, Contents
-from tests.oracles.band_scene import News, Seen
+from tests.oracles.band_scene import ALL, News, Seen, Sent
 from tests.oracles.band_stage import AIR, DELIVER, SEARCH, Device, Link, Stage
 from tests.oracles.medium import (
     BUSY,
@@ -35,9 +35,17 @@ CONTENTS = {"ID": IDENT, "FHS": FHS, "POLL": POLLING, "NULL": POLLING}
 
 
 def see(
-    stage: Stage, frame: OnAir, kind: str, to: int, outcome: str, part: str | None = None, lt_addr: int = 0
+    stage: Stage,
+    frame: OnAir,
+    kind: str,
+    to: int,
+    carrier: float,
+    outcome: str,
+    part: str | None = None,
+    lt_addr: int = 0,
 ) -> None:
     start, end, source, channel = frame
+    stage.arrive(frame, to, carrier, outcome, part)
     stage.book.seen.append(Seen(start, end - start, kind, source, to, channel, lt_addr, outcome, part))
 
 
@@ -84,6 +92,7 @@ class Inquiry:
         receiving = self.lock is not None and self.lock.start < now < self.lock.end
         if tick % 4 in (0, 1) and not receiving:
             frame = self.stage.air.put(now, ID_AIR, self.device.address, self.channel(tick))
+            self.stage.book.ids.append((now, self.device.address, frame.channel))
             self.stage.at(frame.end, DELIVER, self.device.address, lambda: self.end_of_id(tick, frame))
         self.visit_at(tick + 1)
 
@@ -104,7 +113,9 @@ class Inquiry:
             carrier = air.power(self.device.address, other.address, frame.start)
             if air.judge(frame, other.address, carrier, IDENT, self.stage.now, ("access_code",))[0] != RECEIVED:
                 continue
-            see(self.stage, frame, "ID", other.address, RECEIVED)
+            see(self.stage, frame, "ID", other.address, carrier, RECEIVED)
+            row = Sent(frame.start, frame.source, "ID", ALL, ID_AIR, frame.channel, 0)
+            self.stage.book.sent += [row] if row not in self.stage.book.sent else []
             scanner.heard = (frame.start, frame.channel)
             if scanner.hear(frame.start):
                 self.expect(tick, frame, scanner, offset)
@@ -153,6 +164,8 @@ class Reply:
             return  # it does not scan any more
         channel = inquiry_response_channel(scanner.clock.tick(stage.now), self.offset)
         frame = stage.air.put(stage.now, FHS_AIR, scanner.address, channel)
+        to = self.inquiry.device.address
+        stage.book.sent.append(Sent(stage.now, scanner.address, "FHS", to, FHS_AIR, channel, 0))
         self.carrier = stage.air.power(scanner.address, self.inquiry.device.address, stage.now)
         stage.at(frame.start + ID_AIR, DELIVER, scanner.address, lambda: self.end_of_access_code(frame))
         stage.at(frame.end, DELIVER, scanner.address, lambda: self.end_of_frame(frame))
@@ -181,7 +194,7 @@ class Reply:
             self.outcome, self.part = NOT_TUNED, None
         elif self.outcome == RECEIVED:
             self.judge(frame, "header", "payload")
-        see(inquiry.stage, frame, "FHS", inquiry.device.address, self.outcome, self.part)
+        see(inquiry.stage, frame, "FHS", inquiry.device.address, self.carrier, self.outcome, self.part)
         self.scanner.replied(self.heard)
         if self.outcome == RECEIVED:
             inquiry.receives(frame, frame.source, self.tick, self.carrier)
@@ -233,6 +246,7 @@ class Page:
         if self.paging and tick % 4 in (0, 1):
             channel = page_channel(self.peer.body.word, tick + self.offset, self.train(tick))
             frame = self.stage.air.put(self.stage.now, ID_AIR, self.device.address, channel)
+            self.stage.book.ids.append((self.stage.now, self.device.address, channel))
             self.stage.at(frame.end, DELIVER, self.device.address, lambda: self.end_of_id(tick, frame))
         self.visit_at(tick + 1)
 
@@ -255,7 +269,9 @@ class Page:
         carrier = stage.air.power(self.device.address, self.peer.address, frame.start)
         if stage.air.judge(frame, self.peer.address, carrier, IDENT, stage.now, ("access_code",))[0] != RECEIVED:
             return
-        see(stage, frame, "ID", self.peer.address, RECEIVED)
+        see(stage, frame, "ID", self.peer.address, carrier, RECEIVED)
+        row = Sent(frame.start, frame.source, "ID", self.peer.address, ID_AIR, frame.channel, 0)
+        stage.book.sent.append(row)
         scanner.heard = (frame.start, frame.channel)
         scanner.frozen = scanner.clock_at(frame.start, part)
         scanner.partner = self.device.address
@@ -294,10 +310,12 @@ class Page:
         stage = self.stage
         frame = stage.air.put(stage.now, AIR_TIMES[kind], source, channel)
         carrier = stage.air.power(source, to, stage.now)
+        lt_addr = self.lt_addr if kind in ("POLL", "NULL") else 0
+        stage.book.sent.append(Sent(stage.now, source, kind, to, AIR_TIMES[kind], channel, lt_addr))
 
         def end() -> None:
             outcome, part = self.outcome(frame, to, carrier, CONTENTS[kind], tuned())
-            see(stage, frame, kind, to, outcome, part, self.lt_addr if kind in ("POLL", "NULL") else 0)
+            see(stage, frame, kind, to, carrier, outcome, part, lt_addr)
             judged(frame, outcome == RECEIVED)
 
         stage.at(frame.end, DELIVER, source, end)

@@ -7,12 +7,13 @@ pagers visit their ticks, and last the masters decide their slots and frames go 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
+from math import inf
 from typing import Any
 
 from tests.oracles.band_air import Air, Contents
 from tests.oracles.band_hosts import Transport
-from tests.oracles.band_scene import ALL, KINDS, Body, Book, Delivery, Flush, Loss, Scene, Send, Share, Verdict
-from tests.oracles.medium import HEADER_AIR, US, Clock, Windows
+from tests.oracles.band_scene import ALL, KINDS, Arrived, Body, Book, Delivery, Flush, Loss, Scene, Send, Share, Verdict
+from tests.oracles.medium import HEADER_AIR, NOT_TUNED, OUT_OF_RANGE, US, Clock, OnAir, Windows
 from tests.oracles.scanners import CONNECTED, SCAN, Paged, Scanner
 
 DELIVER, LOSS, HOST, SEARCH, AIR = 1, 2, 3, 4, 5
@@ -130,6 +131,8 @@ class Stage:
     """(device, bound, tick) -> an integer in [0, bound): the scanner's back-off."""
     book: Book = field(default_factory=Book)
     now: int = 0
+    happened: Callable[[int, int], None] | None = None
+    """Called with the phase and order of every event but looks, if anybody looks."""
 
     def __post_init__(self) -> None:
         self.air = Air(self.scene.radio, len(self.scene.bodies))
@@ -159,9 +162,18 @@ class Stage:
 
     def run(self) -> None:
         while self.agenda and self.agenda[0][0] < self.scene.end:
-            self.now, *_, act = heappop(self.agenda)
+            self.now, phase, order, _, act = heappop(self.agenda)
             act()
+            if self.happened is not None and phase <= AIR:
+                self.happened(phase, order)
         self.book.sort()
+
+    def arrive(self, frame: OnAir, to: int, carrier: float, outcome: str, part: str | None, idle: bool = False) -> None:
+        """Note what has arrived at *to* of a frame that ends now."""
+        unheard = outcome in (OUT_OF_RANGE, NOT_TUNED)
+        ratio = None if unheard else self.air.least_ratio(frame, to, carrier, self.now)
+        power = carrier if self.scene.radio.noise_dbm is not None and carrier > -inf else None
+        self.book.arrived.append(Arrived(frame.start, frame.source, to, power, ratio, outcome, part, idle))
 
     def doubt(self, why: str) -> None:
         self.book.doubts.append((self.now, why))

@@ -11,7 +11,7 @@ beacon that a slave hears also shows the master that the slave is still there, i
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
@@ -43,7 +43,9 @@ from cosim.channels.bluetooth.polling import (
 )
 from cosim.channels.bluetooth.transport import Transport
 from cosim.errors import LocalProtocolError
-from cosim.machine import Address
+from cosim.intervals import Intervals
+from cosim.machine import Address, Mode
+from cosim.trace import Trace
 from cosim.units import SLOT, Time
 
 
@@ -61,6 +63,55 @@ class Presence(NamedTuple):
 
 
 ALWAYS = Presence()
+MODES: Final = {Mode.HOLD: "hold", Mode.SNIFF: "sniff", Mode.PARKED: "park"}
+"""The states in which links are that are not active all the time."""
+
+
+class Memberships:
+    """The intervals of the members of the piconet of *master*."""
+
+    def __init__(self, master: Address, intervals: Intervals | None = None) -> None:
+        self._master = master
+        self._intervals = Intervals(Trace()) if intervals is None else intervals
+        self._open: dict[tuple[Address, Address], dict[str, str]] = {}
+        """Details by state of what each side of a link is in; a side is (device, slave)."""
+
+    def begin(self, device: Address, slave: Address, lt_addr: int, now: Time) -> None:
+        """Note that *device*, the master or the *slave*, takes the link between them to be up."""
+        if self._intervals.wanted:
+            state = "master" if device == self._master else "slave"
+            self._enter(device, slave, state, f"lt_addr={lt_addr}", now)
+
+    def change_mode(self, slave: Address, mode: Mode, now: Time, more: str = "") -> None:
+        """Note that the link to *slave* is in *mode* on both sides; *more* tells about the mode."""
+        if not self._intervals.wanted:
+            return
+        wanted = MODES.get(mode)
+        for device in (self._master, slave):
+            states = self._open.get((device, slave), {})
+            member = bool(states) or mode is Mode.PARKED
+            for state in [state for state in states if state in MODES.values()]:
+                if state != wanted or states[state] != self._detail(device, slave, more):
+                    self._leave(device, slave, state, now)
+            if wanted is not None and member:
+                self._enter(device, slave, wanted, more, now)
+
+    def end(self, device: Address, slave: Address, now: Time) -> None:
+        """Note that *device* does not take *slave*, or itself, for a member any more."""
+        for state in list(self._open.get((device, slave), ())):
+            self._leave(device, slave, state, now)
+
+    def _enter(self, device: Address, slave: Address, state: str, more: str, now: Time) -> None:
+        detail = self._detail(device, slave, more)
+        self._open.setdefault((device, slave), {})[state] = detail
+        self._intervals.begin(device, state, now, detail)
+
+    def _detail(self, device: Address, slave: Address, more: str) -> str:
+        peer = f"slave={slave}" if device == self._master else f"master={self._master}"
+        return f"{peer} {more}" if more else peer
+
+    def _leave(self, device: Address, slave: Address, state: str, now: Time) -> None:
+        self._intervals.end(device, state, now, self._open[device, slave].pop(state))
 
 
 class Links:
@@ -69,7 +120,14 @@ class Links:
     *transport* brings payloads to hosts, and may have no room for more; without it they take everything at once.
     """
 
-    def __init__(self, master: Address, piconet: State, table: State, transport: Transport | None = None) -> None:
+    def __init__(
+        self,
+        master: Address,
+        piconet: State,
+        table: State,
+        transport: Transport | None = None,
+        memberships: Memberships | None = None,
+    ) -> None:
         self.piconet = piconet
         self.table = table
         self.slaves: dict[int, Address] = {}
@@ -77,6 +135,8 @@ class Links:
         self.lt_addr: dict[Address, int] = {}
         self.master = master
         self.transport = transport
+        self.memberships = memberships or Memberships(master)
+        """Who is a member, and in which mode, for who wants to see it."""
         self.note_shares()
 
     def held(self) -> list[int]:
@@ -102,6 +162,7 @@ class Links:
         self.table[SLAVE, k] = slave
         self.table[HERE, k] = 1
         self.table[HEARD_DOWN, k] = now
+        self.memberships.begin(slave, slave, k, now)
         if self.transport is not None:  # it may still hold what came over an earlier link
             self.table[FULL_UNTIL, k] = self.transport.full_until(slave, self.master)
 
@@ -110,9 +171,11 @@ class Links:
         self.table[HELD, k] = 1
         self.table[DUE, k] = due
         self.table[HEARD_UP, k] = now
+        self.memberships.begin(self.master, self.slaves[k], k, now)
 
-    def take_down(self, k: int, side: int) -> None:
+    def take_down(self, k: int, side: int, now: Time) -> None:
         """Take one side down; a link without sides is gone."""
+        self.memberships.end(self.master if side == HELD else self.slaves[k], self.slaves[k], now)
         self.table[side, k] = 0
         if not self.table[HELD, k] and not self.table[JOINED, k]:
             del self.lt_addr[self.slaves.pop(k)]
@@ -214,9 +277,10 @@ class Parking:
         member = self.members[number]
         return member.held if side == HELD else member.joined
 
-    def take_down(self, number: int, side: int) -> None:
+    def take_down(self, number: int, side: int, now: Time) -> None:
         """End the membership of a parked slave on one side."""
         member = self.members[number]
+        self._links.memberships.end(self._links.master if side == HELD else member.slave, member.slave, now)
         if side == HELD:
             member.held = False
         else:

@@ -12,15 +12,20 @@ is 0. The search steps over windows and such segments only. In the 23-channel sy
 both trains are the same, and there is always a solution.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self, cast
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from cosim.channels.bluetooth.clock import NativeClock, start_of, tick_at
-from cosim.channels.bluetooth.hopping import KOFFSET, Train, train_phase
+from cosim.arrays import Int64s
+from cosim.channels.bluetooth.clock import MILLION, NativeClock, start_of, tick_at
+from cosim.channels.bluetooth.hopping import KOFFSET, Train, page_channel, train_phase
 from cosim.channels.bluetooth.medium import TRAIN, Records, records
 from cosim.channels.bluetooth.packets import ID_AIR
+from cosim.channels.courses import Stretch
+from cosim.intervals import Interval
 from cosim.jit import njit
 from cosim.kernel import DELIVER, Callback, Handle, Kernel
 from cosim.machine import Address
@@ -83,6 +88,15 @@ class IdTrain:
         """Return X at *tick*."""
         return train_phase(tick + self.estimate, self.train(tick))
 
+    def stretches(self, start: Time, end: Time, before: str, after: str) -> Iterator[Stretch]:
+        """Yield the stretches of one train each in [*start*, *end*) of its time; *before* and *after* are details."""
+        switch = 32 * self.repetitions
+        while start < end:
+            tick = self.clock.tick(start)
+            change = self.clock.time_of(tick - (tick - self.first) % switch + switch)
+            yield start, min(change, end), f"{before}train={self.train(tick)}{after}"
+            start = change
+
     def on_air(self, device: Address, since: Time) -> Records:
         """Return the record (1,) for ``Air.open_train``: *device* sends the train from *since* (ns) to its end."""
         clock, switch = self.clock, 32 * self.repetitions
@@ -110,6 +124,22 @@ class ScanWindows:
     def continuous(self) -> bool:
         """True if there is no time outside of the windows."""
         return self.interval == WINDOW
+
+    def stretches(self, start: Time, end: Time) -> Iterator[Stretch]:
+        """Yield the windows, or parts of windows, in [*start*, *end*); those of a continuous scan are one."""
+        if self.continuous:
+            yield start, end, ""
+            return
+        details = ("window=1", "window=2") if self.interlaced else ("",)
+        edge = self.clock.tick(start)
+        edge -= (edge - self.offset) % self.interval
+        while (opening := self.clock.time_of(edge)) < end:
+            for number, detail in enumerate(details, 1):
+                closing = self.clock.time_of(edge + number * WINDOW)
+                if max(opening, start) < min(closing, end):
+                    yield max(opening, start), min(closing, end), detail
+                opening = closing
+            edge += self.interval
 
 
 class Meeting(NamedTuple):
@@ -234,3 +264,47 @@ def _next_meeting(
         window += 1
         lo = max(lo, tick_at(ph, pm, start_of(sph, spm, offset + window * interval) - 1) + 1)
     return -1
+
+
+# ---------------------------------------------------------------- trains as rows of the table ``intervals``
+
+
+def train_words(ids: IdTrain, word: int) -> str:
+    """Return what the detail of a row of *ids* tells beside the train; *word* is the one whose code they carry."""
+    clock = ids.clock
+    return f" word={word:#x} phase_ns={clock.phase} ppm={clock.ppm} estimate={ids.estimate}"
+
+
+def sent_ids(
+    row: Interval, start: Time, end: Time, silences: Iterable[tuple[Time, Time]] = ()
+) -> tuple[Int64s, Int64s]:
+    """Return (starts in ns, RF channels) of the IDs of the train *row* that start in [*start*, *end*), in order.
+
+    A row of the states ``inquiry`` and ``page`` stands for up to thousands of IDs, and tells all that they follow from:
+    the train (A or B), the word of which they carry the access code, the sender's clock (``phase_ns``, ``ppm``) and by
+    how many ticks the sender of a page takes the other's clock to be ahead (``estimate``).
+
+    An inquirer sends none while it receives an answer: at no instant after the start of such an FHS and before its end,
+    which are the *silences*. Raise ValueError for a row that is not of a train.
+    """
+    words = dict(word.split("=", 1) for word in row.detail.split())
+    if row.state not in ("inquiry", "page"):
+        raise ValueError(f"a row of {row.state!r} is no train of IDs, expected one of 'inquiry' or 'page'")
+    train = cast(Train, words["train"])
+    clock = NativeClock(int(words["phase_ns"]), int(words["ppm"]))
+    start, end = max(start, row.start), min(end, row.end)
+    ticks = np.arange(clock.tick(start - 1) + 1, clock.tick(end - 1) + 1, dtype=np.int64)
+    ticks = ticks[ticks & 2 == 0]
+    starts = _starts(clock, ticks)
+    for silent, again in silences:
+        heard = (starts <= silent) | (starts >= again)
+        ticks, starts = ticks[heard], starts[heard]
+    return starts, page_channel(int(words["word"], 0), ticks + int(words["estimate"]), train)
+
+
+def _starts(clock: NativeClock, ticks: Int64s) -> Int64s:
+    """Return the instants at which *ticks* begin, as ``clock.start_of`` has them."""
+    rate = MILLION + clock.ppm
+    elapsed = ticks * TICK - clock.phase
+    turns = elapsed // rate
+    return turns * MILLION - (turns * rate - elapsed) * MILLION // rate

@@ -10,6 +10,7 @@ from cosim.channels import jamming
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.propagation import PropagationSettings
+from cosim.intervals import Interval
 from cosim.kernel import WAKE, WORLD, Kernel
 from cosim.machine import (
     Address,
@@ -28,13 +29,15 @@ from cosim.machine import (
     Scan,
     Share,
 )
-from cosim.trace import FRAMES, Trace
+from cosim.trace import FRAMES, INTERVALS, Trace
 from cosim.units import TICK, Time
 from tests.oracles import band_scene as given
 from tests.oracles.band_cases import Case
 from tests.oracles.band_scene import News, Scene, Seen, Send
 
 MODES = {"constant": jamming.CONSTANT, "sweeping": jamming.SWEEPING, "pulsed": jamming.PULSED}
+LOOKS = 5
+"""Parts of a run, between which somebody looks at what devices do."""
 REPETITIONS = {1: "R0", 128: "R1", 256: "R2"}
 
 
@@ -46,6 +49,8 @@ class Outcome(NamedTuple):
     fates: list[tuple[int, int, int, str]]
     losses: list[tuple[int, int, int]]
     news: list[tuple[Any, ...]]
+    intervals: list[tuple[int, int, int, str, str]]
+    """(start, device, end, state, detail)"""
     counts: dict[str, int]
     """Packets of connected devices by type, and idle polls."""
 
@@ -63,7 +68,7 @@ def payload_of(wish: Send) -> bytes:
 
 def outcome_of(case: Case) -> Outcome:
     """Return what the oracle says; a frame that is on the air at the end has no outcome."""
-    scene, book = case.scene, case.book()
+    scene, book = case.scene, case.book(watched=True)
     payloads = {wish.token: payload_of(wish) for wish in scene.inputs if isinstance(wish, Send)}
     return Outcome(
         [row for row in book.seen + case.idle * book.idle if row.start + row.duration < scene.end],
@@ -71,6 +76,7 @@ def outcome_of(case: Case) -> Outcome:
         [tuple(row) for row in book.verdicts],
         [tuple(row) for row in book.losses],
         [tuple(row) for row in book.news],
+        book.intervals,
         {name: count for name, count in book.counts.items() if count},
     ).sort()
 
@@ -193,11 +199,13 @@ def settings_of(scene: Scene, idle: bool) -> BluetoothSettings:
     )
 
 
-def run_channel(case: Case, model: Callable[..., BluetoothChannel] = BluetoothChannel) -> Outcome:
-    """Run the channel, or a *model* of it, on the case."""
+def run_channel(
+    case: Case, model: Callable[..., BluetoothChannel] = BluetoothChannel, trace: Trace | None = None
+) -> Outcome:
+    """Run the channel, or a *model* of it, on the case; *trace* wants frames and intervals, if not more."""
     scene = case.scene
-    kernel, trace = Kernel(), Trace((FRAMES,))
-    outcome = Outcome([], [], [], [], [], {})
+    kernel, trace = Kernel(), trace or Trace((FRAMES, INTERVALS))
+    outcome = Outcome([], [], [], [], [], [], {})
     channel = model(settings_of(scene, case.idle), kernel, trace, len(scene.bodies), Chosen(case))
     for address, body in enumerate(scene.bodies):
         channel.attach(address, Host(address, outcome))
@@ -207,8 +215,17 @@ def run_channel(case: Case, model: Callable[..., BluetoothChannel] = BluetoothCh
         kernel.at(time, partial(set_powers, channel, scene, time), WORLD)
     for wish in scene.inputs:
         kernel.at(wish.time, partial(act, kernel, channel, wish), WAKE)
+    looks: list[Interval] = []
+    for part in range(1, LOOKS):  # who watches the run changes nothing, and sees parts of its rows
+        kernel.at(scene.end * part // LOOKS, lambda: looks.extend(channel.under_way(kernel.now)), WORLD)
     kernel.run(scene.end)
     channel.air.advance(scene.end)
+    channel.close(scene.end)
+    for start, device, end, _, state, detail in zip(*trace.columns("intervals").values(), strict=True):
+        outcome.intervals.append((start, device, end, state, detail))
+    ends = {(start, device, *what): end for start, device, end, *what in outcome.intervals}
+    for start, device, now, _, *what in looks:
+        assert ends.get((start, device, *what), -1) >= now, (start, device, now, what)
     columns = trace.columns("frames")
     for start, source, to, air, kind, channel_, lt_addr, _, heard, part in zip(*columns.values(), strict=True):
         if start + air < scene.end:

@@ -1,6 +1,6 @@
 """A Bluetooth channel with hosts that write down what they get."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from cosim.channels.bluetooth.device import BluetoothChannel
@@ -8,7 +8,7 @@ from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.kernel import Kernel
 from cosim.machine import Address, Connected, Inquire, InquiryComplete, LinkCommand, LinkEvent, Page, Reception
 from cosim.randomness import Streams
-from cosim.trace import CALLS, FRAMES, Trace
+from cosim.trace import CALLS, FRAMES, Table, Trace
 from cosim.units import MS, S, Time
 
 
@@ -46,9 +46,16 @@ class Host:
 class World:
     """A Bluetooth channel for *size* devices with a host on each; *streams*, if given, stand in place of the seed's."""
 
-    def __init__(self, size: int, seed: int = 1, streams: Streams | None = None, **settings: object) -> None:
+    def __init__(
+        self,
+        size: int,
+        seed: int = 1,
+        streams: Streams | None = None,
+        tables: Sequence[Table] = (FRAMES, CALLS),
+        **settings: object,
+    ) -> None:
         self.kernel = Kernel()
-        self.trace = Trace((FRAMES, CALLS))
+        self.trace = Trace(tables)
         self.channel = BluetoothChannel(
             BluetoothSettings.model_validate(settings), self.kernel, self.trace, size, streams or Streams(seed)
         )

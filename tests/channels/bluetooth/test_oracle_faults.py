@@ -11,6 +11,7 @@ from tests.channels.bluetooth import test_oracle_band, test_oracle_inquiry, test
 from tests.channels.bluetooth.band_channel import run_channel
 from tests.oracles.campaign import plant
 from tests.oracles.faults_band import BAND_FAULTS, Fault
+from tests.oracles.faults_intervals import INTERVAL_FAULTS
 from tests.oracles.faults_rooms import ROOM_FAULTS
 from tests.tiers import soak_count
 
@@ -22,7 +23,7 @@ COMPARISONS = {
 }
 
 
-FAULTS = [*BAND_FAULTS, *ROOM_FAULTS]
+FAULTS = [*BAND_FAULTS, *ROOM_FAULTS, *INTERVAL_FAULTS]
 OFTEN = FAULTS[::4]
 SELDOM = [fault for fault in FAULTS if fault not in OFTEN]
 TIERS = [*((fault, pytest.mark.slow) for fault in OFTEN), *((fault, pytest.mark.soak) for fault in SELDOM)]

@@ -1,0 +1,106 @@
+"""Faults to plant in what the Bluetooth channel tells of intervals, which the comparison of their rows finds."""
+
+from tests.oracles.faults_band import Fault
+
+INTERVAL_FAULTS = [
+    Fault(
+        "a window that has begun before counts not",
+        "inquiry",
+        "scanning",
+        "if max(opening, start) < min(closing, end):",
+        "if start <= opening < min(closing, end):",
+    ),
+    Fault("a window outlives its scan", "inquiry", "scanning", "min(closing, end), detail", "closing, detail"),
+    Fault(
+        "trains change with the clock",
+        "inquiry",
+        "scanning",
+        "tick - (tick - self.first) % switch",
+        "tick - tick % switch",
+    ),
+    Fault(
+        "an inquiry sends until its last answer",
+        "inquiry",
+        "inquiry",
+        "parts=parts), Phase(clock.time_of(end))",
+        "parts=parts), Phase(clock.time_of(end + 1))",
+    ),
+    Fault(
+        "an answer ends with the scan",
+        "inquiry",
+        "inquiry",
+        "Phase(max(now, self._answers_until))",
+        "Phase(now)",
+    ),
+    Fault(
+        "who backs off answers",
+        "inquiry",
+        "inquiry",
+        'Phase(start, "inquiry_response"), Phase(end,',
+        'Phase(start, "inquiry_response"), Phase(start,',
+    ),
+    Fault(
+        "windows come at once after a back-off of v1.1",
+        "inquiry",
+        "inquiry",
+        "            since = self._limit\n",
+        "",
+    ),
+    Fault(
+        "what is heard ends no window",
+        "inquiry",
+        "inquiry",
+        '                self._course.plan(end, Phase(end, "inquiry_response"))\n',
+        "                pass\n",
+    ),
+    Fault(
+        "an FHS does not let a slave wait for longer",
+        "page",
+        "paging",
+        "            self._page.scanner.wait(self, start + RESPONSE_DELAY + NEW_CONNECTION_TIMEOUT)\n",
+        "",
+    ),
+    Fault(
+        "a slave still scans",
+        "page",
+        "paging",
+        "        self._stop_course()\n        self._on_slave",
+        "        self._on_slave",
+    ),
+    Fault(
+        "IDs go on in an exchange",
+        "page",
+        "paging",
+        "            self._course.plan(self.kernel.now, self._exchanging())\n",
+        "            pass\n",
+    ),
+    Fault(
+        "an exchange ends when it has failed",
+        "page",
+        "paging",
+        "(self._exchanging(),) if tick > self.ids.first else ()",
+        "()",
+    ),
+    Fault("the estimate is not told", "page", "scanning", "estimate={ids.estimate}", "estimate=0"),
+    Fault(
+        "both sides end with one",
+        "band",
+        "links",
+        "self.master if side == HELD else self.slaves[k], self",
+        "self.master, self",
+    ),
+    Fault(
+        "a slave has two masters",
+        "page",
+        "links",
+        '"master" if device == self._master',
+        '"master" if device != slave or True',
+    ),
+    Fault(
+        "a master's link is up when its slave's is",
+        "page",
+        "links",
+        "self.memberships.begin(slave, slave, k, now)\n",
+        "self.memberships.begin(slave, slave, k, now)\n        self.memberships.begin(self.master, slave, k, now)\n",
+    ),
+]
