@@ -26,18 +26,20 @@ from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.routing.base import COUNTS, Delivery
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
-from cosim.channels.adhoc.stations import Rules, Stations
+from cosim.channels.adhoc.stations import Log, Rules, Stations, Wanted
+from cosim.channels.adhoc.tables import doings, receptions
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.intervals import Interval
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
-from cosim.trace import FRAMES, TRANSMISSIONS, Trace
+from cosim.trace import FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import Time, from_seconds
 
 JITTER: Final = 3
@@ -121,9 +123,13 @@ class AdhocChannel(IdealChannel):
         self._draws = streams.draws("adhoc")
         self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         rules = Rules(settings.timing(), settings.access, None if settings.propagation is None else settings.limits())
-        self._stations = Stations(
-            size, rules, kernel, self._draws, self, self._frames_wanted or self._transmissions_wanted
+        wanted = Wanted(
+            frames=self._frames_wanted or self._transmissions_wanted,
+            heard=self._frames_wanted,
+            intervals=self.intervals.wanted,
+            receptions=trace.wants(RECEPTIONS),
         )
+        self._stations = Stations(size, rules, kernel, self._draws, self, wanted)
         self._jamming = Jamming(kernel, self._jam_mw, self._stations, size)
         self._forwarding = self._routers(streams)
 
@@ -174,6 +180,10 @@ class AdhocChannel(IdealChannel):
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""
         super().power(address, on)
+        if on:
+            self.intervals.end(address, "off", self.kernel.now)
+        else:
+            self.intervals.begin(address, "off", self.kernel.now)
         self._reach.power(address, on)
         self._stations.moved()
         self._stations.power(address, on)
@@ -181,6 +191,18 @@ class AdhocChannel(IdealChannel):
         self._handover.forget(address)
         if self._forwarding is not None:
             self._forwarding.power(address, on)
+
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return what its radios are doing *now*; what they have done before is written."""
+        columns = doings(self._stations.under_way(now))
+        of_each = zip(columns.starts.tolist(), columns.stations.tolist(), columns.states, columns.details, strict=True)
+        waits = [Interval(start, robot, now, 0, state, detail) for start, robot, state, detail in of_each]
+        return super().under_way(now) + waits
+
+    def close(self, now: Time) -> None:
+        """Write the intervals that are not over, and what is not written yet: the run is over."""
+        super().close(now)
+        self._stations.close(now)
 
     def summary(self) -> dict[str, float]:
         """Return the number of frames sent, and of payloads given up."""
@@ -301,6 +323,11 @@ class AdhocChannel(IdealChannel):
             sent = kind, report.destination, report.reserves, report.number, report.again, routed, report.right
             of_frame = report.duration, -1, 0, len(body)
             self.trace.row(TRANSMISSIONS, report.begin, report.source, *sent, body.hex(), *of_frame)
+
+    def logged(self, log: Log) -> None:
+        """Write what the stations have kept for tables."""
+        self.intervals.add_many(*doings(log.intervals))
+        self.trace.rows(RECEPTIONS, *receptions(log.receptions))
 
     def _row(self, report: Report, packet: Packet | None, receiver: Address, outcome: str) -> None:
         length = 0 if packet is None else len(packet.payload)

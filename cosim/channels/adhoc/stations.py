@@ -18,15 +18,18 @@ from cosim.channels.adhoc.advance import FULL, ROWLESS, TOLD, advance, jam_all
 from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
+from cosim.channels.adhoc.log import EACH, MORE, has_log_room, log_under_way
 from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
     END,
     FORM,
+    INTERVAL,
     NEVER,
     NONE,
     RECEIVED,
+    RECEPTION,
     REPORT,
     Network,
     Records,
@@ -45,6 +48,8 @@ from cosim.units import Time
 
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
+LOG_ROWS: Final = 4096
+"""Number of intervals, and of receptions, that are kept for tables before they are handed over."""
 
 _READ: Final = ("what", "station", "packet", "right", "mw", "source", "number")
 """Fields of reports of which hosts hear, in their order."""
@@ -72,6 +77,26 @@ class Rules(NamedTuple):
     """Noise and thresholds; None if all frames in reach are alike."""
 
 
+class Wanted(NamedTuple):
+    """What the host wants to hear of, for tables."""
+
+    frames: bool = False
+    """Every frame, when it has arrived to its end everywhere,"""
+    heard: bool = False
+    """and at each station that it reaches."""
+    intervals: bool = False
+    """What the stations were doing,"""
+    receptions: bool = False
+    """and what became of frames at them: both in bulk, later."""
+
+
+class Log(NamedTuple):
+    """What has been kept for tables."""
+
+    intervals: Records
+    receptions: Records
+
+
 class Host(Protocol):
     """The other side of all stations."""
 
@@ -90,18 +115,29 @@ class Host(Protocol):
     def noted(self, report: Report, packet: Packet | None) -> None:
         """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER)."""
 
+    def logged(self, log: Log) -> None:
+        """Write what has been kept, in arrays that are the stations' own."""
+
 
 class Stations:
-    """All stations of a channel; *noted* if the host wants to hear of every frame."""
+    """All stations of a channel."""
 
-    def __init__(self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, noted: bool = False) -> None:
+    def __init__(
+        self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, wanted: Wanted = Wanted()
+    ) -> None:
         self._timing, self._access, limits = rules
         self._kernel = kernel
         self._host = host
         cck = tables(() if limits is None else _rates(self._timing))
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
-        self._common["noted"] = noted
+        self._common["noted"], self._common["heard"] = wanted.frames, wanted.heard
+        self._logs = wanted.intervals or wanted.receptions
+        room = LOG_ROWS + EACH * size + MORE
+        network = network._replace(
+            intervals=new_records(room if wanted.intervals else 0, INTERVAL),
+            receptions=new_records(room if wanted.receptions else 0, RECEPTION),
+        )
         names = "events", "told", "urgent", "frames_under_way", "first_there", "rowless"
         self._events, self._told, self._urgent, self._under_way, self._first_there, self._rowless = (
             _field(network.common, name) for name in names
@@ -164,6 +200,7 @@ class Stations:
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
+        self._make_log_room()
         power(self._network, address, on, self._kernel.now)
         if not on:
             self._heard[address].clear()
@@ -206,6 +243,47 @@ class Stations:
     def dropped(self) -> int:
         """Number of packets that were sent as often as allowed, and not acknowledged."""
         return int(self._common["dropped"])
+
+    # ------------------------------------------------------------ what is kept for tables
+
+    def flush(self) -> None:
+        """Hand to the host what has been kept, but for what goes on beyond now."""
+        if not self._logs:
+            return
+        now = max(int(self._common["now"]), self._kernel.now)
+        log = self._kept()
+        late = log.intervals[log.intervals["end"] > now]  # energy is sensed some time after it has begun
+        if len(late):
+            log = log._replace(intervals=log.intervals[log.intervals["end"] <= now])
+        self._host.logged(log)
+        self._network.intervals[: len(late)] = late
+        self._common["intervals"], self._common["receptions"] = len(late), 0
+
+    def under_way(self, now: Time) -> Records:
+        """Return what the stations are doing *now*, as intervals that end now; hand over what they have done before."""
+        self.flush()
+        before = int(self._common["intervals"])
+        if self._logs:
+            log_under_way(self._network, now)
+        intervals = self._kept().intervals.copy()
+        self._common["intervals"] = before
+        intervals["end"] = np.minimum(intervals["end"], now)
+        return intervals[intervals["begin"] < now]
+
+    def close(self, now: Time) -> None:
+        """Hand over all that has been kept: the run is over."""
+        intervals = self.under_way(now)
+        self._common["intervals"] = 0
+        self._host.logged(Log(intervals, self._kept().receptions))
+
+    def _kept(self) -> Log:
+        intervals, receptions = (int(self._common[name]) for name in Log._fields)
+        return Log(self._network.intervals[:intervals], self._network.receptions[:receptions])
+
+    def _make_log_room(self) -> None:
+        """Hand over what has been kept if that leaves no room for what the next event may bring."""
+        if self._logs and not has_log_room(self._network):
+            self.flush()
 
     # ------------------------------------------------------------ how time goes on
 
@@ -283,6 +361,7 @@ class Stations:
         """Make room for another packet, and for what the next event may bring."""
         if self._told[0] and not self._urgent[0]:
             self._tell()
+        self._make_log_room()
         network, size = self._network, len(self._network.stations)
         if self._common["free_frame"] == NONE:
             network = with_frames(network, len(network.frames))
@@ -357,7 +436,7 @@ def _field(records: Records, name: str) -> memoryview:
 
 # ---------------------------------------------------------------- kernels
 #
-# A network is nine arrays, and each call of a kernel takes them over from Python anew: that costs more than most events
+# A network is eleven arrays, and each call of a kernel takes them over from Python anew: that costs more than most events
 # do. These two take them once, and then do their work whenever they are asked for the next result. They borrow what
 # ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as held.
 

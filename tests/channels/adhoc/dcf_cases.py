@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.arrays import Int64s
+from cosim.channels.adhoc import tables
 from cosim.channels.adhoc.mac import KINDS, Access, Form, Packet, Timing
 from cosim.channels.adhoc.state import NONE, OVER, Records, Report
-from cosim.channels.adhoc.stations import Rules, Stations
+from cosim.channels.adhoc.stations import Log, Rules, Stations, Wanted
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -18,6 +19,7 @@ from cosim.units import US, Time
 from tests.oracles import dcf as oracle
 
 SLOT, SIFS, DIFS, CCA, DELTA = 20 * US, 10 * US, 50 * US, 15 * US, 1 * US
+ALL = Wanted(frames=True, heard=True, intervals=True, receptions=True)
 PREAMBLE = 24 * US
 """A preamble as short as frames here are: long ones would only make cases longer."""
 
@@ -41,6 +43,12 @@ class Told(NamedTuple):
     """(begin, source, receiver)"""
     delivered: dict[int, Time]
     done: dict[int, tuple[Time, bool]]
+    doings: list[tuple[Time, Address, Time, str, str]]
+    """(begin, station, end, state, detail), as in the table of intervals"""
+    receptions: list[tuple[Time, Address, Address, str]]
+    """(begin, source, receiver, outcome), as in the table"""
+    silences: list[tuple[Address, Time, Time, str]]
+    """(station, begin, end, what): when its medium was busy, and what its NAV was"""
 
 
 def octets_time(octets: int) -> Time:
@@ -111,14 +119,30 @@ def slow(case: Case) -> Told:
     delivered = {i: fate.delivered_ns for i, fate in enumerate(result.fates) if fate.delivered_ns is not None}
     done = {i: (fate.done_ns, True) for i, fate in enumerate(result.fates) if fate.done_ns is not None}
     done |= {i: (fate.dropped_ns, False) for i, fate in enumerate(result.fates) if fate.dropped_ns is not None}
-    return Told(sorted(frames), received, delivered, done)
+    followed = [each for each in result.intervals if each.state not in (oracle.BUSY, oracle.NAV)]
+    doings = sorted((i.begin_ns, i.station, i.end_ns, i.state, _backoff(*i.slots)) for i in followed)
+    receptions = [
+        (f.begin_ns, f.source, b, "received" if what == oracle.RECEIVED else "collided")
+        for (f, b), what in result.outcomes.items()
+    ]
+    receptions += [
+        (f.begin_ns, f.source, f.destination, "out_of_range")
+        for f in result.frames
+        if f.end_ns + DELTA < case.until and f.destination != BROADCAST and not case.hears[f.source][f.destination]
+    ]
+    silences = [(i.station, i.begin_ns, i.end_ns, i.state) for i in result.intervals if i not in followed]
+    return Told(sorted(frames), received, delivered, done, doings, sorted(receptions), sorted(silences))
+
+
+def _backoff(*slots: int) -> str:
+    return "slots={} of={} cw={}".format(*slots) if slots else ""
 
 
 class Network:
     """The fast model's stations, and what they tell."""
 
     def __init__(self, case: Case) -> None:
-        self.told = Told([], set(), {}, {})
+        self.told = Told([], set(), {}, {}, [], [], [])
         self._case = case
         self._kernel = Kernel()
         control = Form(PREAMBLE + 14 * US)
@@ -130,13 +154,14 @@ class Network:
         )
         rules = Rules(timing, Access(*case.windows, threshold, *limits, bianchi), None)
         count = len(case.hears)
-        self._stations = Stations(count, rules, self._kernel, Draws(case.seed, "mac"), self, noted=True)
+        self._stations = Stations(count, rules, self._kernel, Draws(case.seed, "mac"), self, ALL)
         for number, (time, station, destination, octets) in enumerate(case.arrivals):
             packet = Packet(destination, bytes(octets), number)
             self._kernel.at(time, partial(self._stations.send, station, packet), WORLD)
 
     def run(self) -> Told:
         self._kernel.run(self._case.until)
+        self._stations.close(self._case.until)
         network, under_way = self._stations._network, 0
         for first in ("first_begun", "first_there"):  # frames that have not ended yet
             number = network.common[0][first]
@@ -147,7 +172,9 @@ class Network:
                 number = frame["next"]
         assert network.common[0]["frames_under_way"] == under_way
         assert self._packets_held() == sum(packet["users"] > 0 for packet in network.packets)
-        self.told.frames.sort()
+        for rows in self.told:
+            if isinstance(rows, list):
+                rows.sort()
         return self.told
 
     def _packets_held(self) -> int:
@@ -172,6 +199,14 @@ class Network:
             self._add(report.begin, report.source, report.destination, report.kind, report.duration)
         elif report.right:
             self.told.received.add((report.begin, report.source, report.station))
+
+    def logged(self, log: Log) -> None:
+        starts, stations, ends, *rest = tables.doings(log.intervals)
+        self.told.doings.extend(zip(starts.tolist(), stations.tolist(), ends.tolist(), *rest, strict=True))
+        times, sources, receivers, powers_dbm, ratios_db, outcomes, parts = tables.receptions(log.receptions)
+        assert not any((*powers_dbm, *ratios_db, *parts))
+        names = times.tolist(), sources.tolist(), receivers.tolist()
+        self.told.receptions.extend(zip(*names, outcomes, strict=True))
 
     def _add(self, begin: Time, source: Address, destination: Address, kind: int, duration: Time) -> None:
         self.told.frames.append((begin, begin + int(duration), source, destination, KINDS[kind]))
