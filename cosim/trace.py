@@ -238,13 +238,13 @@ class Trace:
     def rows(self, table: Table, *columns: Any) -> None:
         """Append rows by column, all equally long, in the order of the table's fields.
 
-        A column of numbers that every row has is an array of 64 bits an item, any other one a list.
+        A column of numbers that every row has is an array of int64 or float64, any other one a list.
         """
         if not self.wants(table):
             return
         for column, values in zip(self._columns[table.name], columns, strict=True):
             if isinstance(column, array):
-                column.frombytes(values)
+                column.frombytes(values.tobytes())
             else:
                 column.extend(values)
 

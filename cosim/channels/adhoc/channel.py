@@ -11,7 +11,7 @@ acknowledgements are lost, and payloads for it are repeated up to the limit.
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import ClassVar, Final
 
 import numpy as np
@@ -321,8 +321,8 @@ class AdhocChannel(IdealChannel):
         if self._transmissions_wanted:
             kind, routed, body = KINDS[report.kind], self._forwarding is not None, packet.payload if packet else b""
             sent = kind, report.destination, report.reserves, report.number, report.again, routed, report.right
-            of_frame = report.duration, -1, 0, len(body)
-            self.trace.row(TRANSMISSIONS, report.begin, report.source, *sent, body.hex(), *of_frame)
+            of_frame = _hexadecimal(body), report.duration, -1, 0, len(body)
+            self.trace.row(TRANSMISSIONS, report.begin, report.source, *sent, *of_frame)
 
     def logged(self, log: Log) -> None:
         """Write what the stations have kept for tables."""
@@ -333,6 +333,12 @@ class AdhocChannel(IdealChannel):
         length = 0 if packet is None else len(packet.payload)
         frame = report.begin, report.source, receiver, report.duration, KINDS[report.kind]
         self.trace.row(FRAMES, *frame, -1, 0, length, outcome, "")
+
+
+@lru_cache(maxsize=256)
+def _hexadecimal(body: bytes) -> str:
+    """Return the digits of *body*; the same string for all frames that carry it."""
+    return body.hex()
 
 
 def _fading(

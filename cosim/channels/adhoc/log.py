@@ -36,6 +36,10 @@ EACH: Final = 3
 MORE: Final = 4
 """more for that whose event it is."""
 
+SLOT_BITS: Final = 21
+"""Number of bits for the slots of a back-off; greater numbers than they hold are kept as the greatest."""
+MOST_SLOTS: Final = (1 << SLOT_BITS) - 1
+
 
 @njit(cache=True, borrows=True)
 def has_log_room(network: Network) -> bool:
@@ -52,6 +56,17 @@ def has_log_room(network: Network) -> bool:
 
 
 @njit(cache=True, borrows=True)
+def packed_slots(left: int, drawn: int, window: int) -> int:
+    """Return the slots of a back-off in one number: those *left*, those *drawn*, and the *window* they are from."""
+    return (min(left, MOST_SLOTS) << 2 * SLOT_BITS) | (min(drawn, MOST_SLOTS) << SLOT_BITS) | min(window, MOST_SLOTS)
+
+
+def unpacked_slots(packed: int) -> tuple[int, int, int]:
+    """Return the three numbers that ``packed_slots`` has packed."""
+    return packed >> 2 * SLOT_BITS, packed >> SLOT_BITS & MOST_SLOTS, packed & MOST_SLOTS
+
+
+@njit(cache=True, borrows=True)
 def _log(network: Network, address: int, state: int, begin: Time, end: Time) -> None:
     """Keep an interval; one without length is none."""
     if end <= begin:
@@ -60,7 +75,9 @@ def _log(network: Network, address: int, state: int, begin: Time, end: Time) -> 
     row = network.intervals[common.intervals]
     common.intervals += 1
     row.begin, row.station, row.end, row.state = begin, address, end, state
-    row.slots, row.drawn_slots, row.drawn_window = station.slots, station.drawn_slots, station.drawn_window
+    row.slots = 0
+    if state == BACKING_OFF:
+        row.slots = packed_slots(station.slots, station.drawn_slots, station.drawn_window)
 
 
 @njit(cache=True, borrows=True)

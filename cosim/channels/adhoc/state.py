@@ -197,9 +197,7 @@ REPORT: Final = np.dtype(
 INTERVAL: Final = np.dtype(
     [
         *((name, np.int64) for name in ("begin", "station", "end", "state")),
-        ("slots", np.int64),  # of a back-off at its beginning; when it was drawn, and the window then
-        ("drawn_slots", np.int64),
-        ("drawn_window", np.int64),
+        ("slots", np.int64),  # of a back-off: what ``log.packed_slots`` returns; 0 of anything else
     ],
     align=True,
 )

@@ -57,6 +57,8 @@ _REPORT: Final = Struct(
     "".join(REPORT[name].char if name in _READ else f"{REPORT[name].itemsize}x" for name in REPORT.fields or ()) + "0q"
 )
 """These fields of a report, and what is skipped."""
+_WHOLE_REPORT: Final = Struct("".join(REPORT[name].char for name in REPORT.fields or ()) + "0q")
+"""All its fields."""
 _OFFERED: Final = ("address", "destination", "form", "asks", "awaited", "now")
 _OFFER: Final = np.dtype([(name, np.int64) for name in _OFFERED], align=True)
 """What ``queue`` is to do; its form by number."""
@@ -404,7 +406,7 @@ class Stations:
         for at, (what, station, number, right, power_mw, source, data_number) in enumerate(told):
             if what != RECEIVED:
                 heard = NONE
-                note = None if what == DONE else Report(*self._network.told[at].tolist())
+                note = None if what == DONE else Report(*_WHOLE_REPORT.unpack_from(self._reports, at * _REPORT.size))
                 outcomes.append((packets.get(number), right, [station], [power_mw], source, None, note))
             elif number == heard:
                 receivers.append(station)

@@ -1,14 +1,17 @@
 """The rows of an 802.11 channel's tables, by column, from what its stations keep for them (``log``)."""
 
-from collections.abc import Sequence
-from functools import lru_cache
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from cosim.arrays import Int64s
-from cosim.channels.adhoc.log import BACKING_OFF, OUTCOMES, STATES
+from cosim.channels.adhoc.log import OUTCOMES, STATES, unpacked_slots
 from cosim.channels.adhoc.state import Records
+
+MOST_DETAILS: Final = 1 << 16
+_STATES: Final = np.array(STATES, np.object_)
+_OUTCOMES: Final = np.array(OUTCOMES, np.object_)
 
 
 class Doings(NamedTuple):
@@ -35,25 +38,33 @@ class Receptions(NamedTuple):
 
 def doings(intervals: Records) -> Doings:
     """Return the columns of *intervals*."""
-    states = intervals["state"]
-    details = [""] * len(intervals)
-    counts = np.flatnonzero(states == BACKING_OFF)
-    told = (intervals[name][counts].tolist() for name in ("slots", "drawn_slots", "drawn_window"))
-    for at, detail in zip(counts.tolist(), map(_backoff, *told), strict=True):
-        details[at] = detail
-    times = (np.ascontiguousarray(intervals[name]) for name in ("begin", "station", "end"))
-    return Doings(*times, [STATES[state] for state in states.tolist()], details)
+    starts, stations, ends = (np.ascontiguousarray(intervals[name]) for name in ("begin", "station", "end"))
+    details = _DETAILS.of(intervals["slots"].tolist())
+    return Doings(starts, stations, ends, _STATES[intervals["state"]].tolist(), details)
 
 
-@lru_cache(maxsize=1 << 16)
-def _backoff(left: int, drawn: int, window: int) -> str:
-    return f"slots={left} of={drawn} cw={window}"
+class _Details(dict[int, str]):
+    """The words about back-offs that have been needed, by their slots."""
+
+    def of(self, slots: Iterable[int]) -> list[str]:
+        """Return the words for all *slots*."""
+        if len(self) > MOST_DETAILS:
+            self.clear()
+        return list(map(self.__getitem__, slots))
+
+    def __missing__(self, slots: int) -> str:
+        words = "slots={} of={} cw={}".format(*unpacked_slots(slots)) if slots else ""
+        self[slots] = words
+        return words
+
+
+_DETAILS: Final = _Details()
 
 
 def receptions(rows: Records) -> Receptions:
     """Return the columns of *rows*."""
     names = (np.ascontiguousarray(rows[name]) for name in ("begin", "source", "receiver"))
-    outcomes = [OUTCOMES[outcome] for outcome in rows["outcome"].tolist()]
+    outcomes = _OUTCOMES[rows["outcome"]].tolist()
     return Receptions(*names, _known(rows["power_dbm"]), _known(rows["sinr_db"]), outcomes, [""] * len(rows))
 
 
