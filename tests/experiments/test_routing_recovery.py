@@ -130,7 +130,7 @@ class Lossless(recovery.Observed):
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
-        self._stations._common["noted"] = self._stations._common["heard"] = True
+        self._stations._common["noted"] = True
 
     def noted(self, report: Report, packet: Packet | None) -> None:
         super().noted(report, packet)

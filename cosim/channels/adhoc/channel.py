@@ -11,7 +11,7 @@ acknowledgements are lost, and payloads for it are repeated up to the limit.
 
 import math
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from typing import ClassVar, Final
 
 import numpy as np
@@ -27,7 +27,7 @@ from cosim.channels.adhoc.routing.base import COUNTS, Delivery
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
 from cosim.channels.adhoc.stations import Log, Rules, Stations, Wanted
-from cosim.channels.adhoc.tables import doings, receptions
+from cosim.channels.adhoc.tables import doings, receptions, transmissions
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
@@ -108,8 +108,6 @@ class AdhocChannel(IdealChannel):
         super().__init__(IdealSettings(delay_s=settings.propagation_s), kernel, trace, size)
         self._settings = settings
         self._most = settings.queue_payloads
-        self._frames_wanted = trace.wants(FRAMES)
-        self._transmissions_wanted = trace.wants(TRANSMISSIONS)
         self._propagation = _fading(settings, walls, streams)
         self._strength = _strength(settings, strengths, size)
         self._alike = len(np.unique(self._strength)) == 1
@@ -124,9 +122,9 @@ class AdhocChannel(IdealChannel):
         self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         rules = Rules(settings.timing(), settings.access, None if settings.propagation is None else settings.limits())
         wanted = Wanted(
-            frames=self._frames_wanted or self._transmissions_wanted,
-            heard=self._frames_wanted,
+            frames=trace.wants(FRAMES),
             intervals=self.intervals.wanted,
+            transmissions=trace.wants(TRANSMISSIONS),
             receptions=trace.wants(RECEPTIONS),
         )
         self._stations = Stations(size, rules, kernel, self._draws, self, wanted)
@@ -311,34 +309,23 @@ class AdhocChannel(IdealChannel):
         self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
 
     def noted(self, report: Report, packet: Packet | None) -> None:
-        """Record a frame at a robot that it is meant for, or what was on the air, and whom it has not reached."""
+        """Record a frame at a robot that it is meant for, or that it has not reached the one."""
         if report.what == HEARD:
-            if self._frames_wanted and report.destination in (BROADCAST, report.station):
+            if report.destination in (BROADCAST, report.station):
                 self._row(report, packet, report.station, "received" if report.right else "collided")
-            return
-        if report.missed and self._frames_wanted:
+        elif report.missed:
             self._row(report, packet, report.destination, "out_of_range")
-        if self._transmissions_wanted:
-            kind, routed, body = KINDS[report.kind], self._forwarding is not None, packet.payload if packet else b""
-            sent = kind, report.destination, report.reserves, report.number, report.again, routed, report.right
-            of_frame = _hexadecimal(body), report.duration, -1, 0, len(body)
-            self.trace.row(TRANSMISSIONS, report.begin, report.source, *sent, *of_frame)
 
     def logged(self, log: Log) -> None:
         """Write what the stations have kept for tables."""
         self.intervals.add_many(*doings(log.intervals))
+        self.trace.rows(TRANSMISSIONS, *transmissions(log.transmissions, log.carried, self._forwarding is not None))
         self.trace.rows(RECEPTIONS, *receptions(log.receptions))
 
     def _row(self, report: Report, packet: Packet | None, receiver: Address, outcome: str) -> None:
         length = 0 if packet is None else len(packet.payload)
         frame = report.begin, report.source, receiver, report.duration, KINDS[report.kind]
         self.trace.row(FRAMES, *frame, -1, 0, length, outcome, "")
-
-
-@lru_cache(maxsize=256)
-def _hexadecimal(body: bytes) -> str:
-    """Return the digits of *body*; the same string for all frames that carry it."""
-    return body.hex()
 
 
 def _fading(

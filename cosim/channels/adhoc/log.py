@@ -8,8 +8,9 @@ import math
 from typing import Final
 
 import cosim.elementary as elementary
+from cosim.channels.adhoc.air import tell
 from cosim.channels.adhoc.mac import CTS
-from cosim.channels.adhoc.state import NEVER, NONE, Network
+from cosim.channels.adhoc.state import KEPT, NEVER, NONE, Network
 from cosim.jit import njit
 from cosim.machine import BROADCAST
 from cosim.units import Time
@@ -45,9 +46,14 @@ MOST_SLOTS: Final = (1 << SLOT_BITS) - 1
 def has_log_room(network: Network) -> bool:
     """Return whether there is room for what the next event may bring, or none at all as nothing is to be kept."""
     common, size = network.common[0], len(network.stations)
-    intervals, receptions = len(network.intervals), len(network.receptions)
+    intervals, transmissions, receptions = (
+        len(network.intervals),
+        len(network.transmissions),
+        len(network.receptions),
+    )
     return bool(
         (intervals == 0 or common.intervals + EACH * size + MORE <= intervals)
+        and (transmissions == 0 or common.transmissions < transmissions)
         and (receptions == 0 or common.receptions + size + 1 <= receptions)
     )
 
@@ -136,7 +142,22 @@ def log_under_way(network: Network, now: Time) -> None:
         log_response(network, address, now)
 
 
-# ---------------------------------------------------------------- receptions
+# ---------------------------------------------------------------- frames
+
+
+@njit(cache=True, borrows=True)
+def log_transmission(network: Network, number: int) -> None:
+    """Keep frame *number*, which has arrived to its end everywhere; Python has to keep what it carries at once."""
+    common, frame = network.common[0], network.frames[number]
+    row = network.transmissions[common.transmissions]
+    common.transmissions += 1
+    row.begin, row.source, row.kind, row.destination = frame.begin, frame.source, frame.kind, frame.destination
+    row.reserves, row.number, row.duration, row.whole = frame.reserves, frame.number, frame.form.duration, frame.whole
+    row.again = False
+    if frame.packet != NONE:
+        packet = network.packets[frame.packet]
+        row.again = packet.short + packet.long > 0  # a CTS has put failures of RTS back to 0
+    tell(network, KEPT, NONE, frame.packet, True)
 
 
 @njit(cache=True, borrows=True)

@@ -44,12 +44,12 @@ COMMON: Final = np.dtype(
         *((name, np.float64) for name in Limits._fields),
         ("key_0", np.int64),  # of the draws
         ("key_1", np.int64),
-        ("noted", np.bool_),  # the ends of all frames are told, for tables
-        ("heard", np.bool_),  # and so is the end of each at each station
+        ("noted", np.bool_),  # the ends of all frames are told, for tables, at each station, too
         ("events", np.int64),  # number of events on the agenda
         ("orders", np.int64),  # number of events that have ever been put there
         ("told", np.int64),  # number of reports that wait
-        ("intervals", np.int64),  # number of intervals, and of receptions, that are kept for tables
+        ("intervals", np.int64),  # number of rows of these that are kept for tables
+        ("transmissions", np.int64),
         ("receptions", np.int64),
         ("urgent", np.bool_),  # one of them is for a host
         ("now", np.int64),  # instant and phase of the present event
@@ -172,6 +172,8 @@ HEARD: Final = 2
 """A frame has arrived to its end at a station."""
 OVER: Final = 3
 """A frame has arrived to its end everywhere."""
+KEPT: Final = 4
+"""A transmission is kept that carries a packet."""
 
 REPORT: Final = np.dtype(
     [
@@ -202,6 +204,16 @@ INTERVAL: Final = np.dtype(
     align=True,
 )
 """What a station was doing; its states stand in ``log``."""
+
+TRANSMISSION: Final = np.dtype(
+    [
+        *((name, np.int64) for name in ("begin", "source", "kind", "destination", "reserves", "number", "duration")),
+        ("again", np.bool_),  # the packet has failed before
+        ("whole", np.bool_),
+    ],
+    align=True,
+)
+"""What was on the air."""
 
 RECEPTION: Final = np.dtype(
     [
@@ -256,7 +268,8 @@ class Network(NamedTuple):
     cck: Floats
     """Table of bit errors, if a rate needs it."""
     intervals: Records
-    """What is kept for tables of intervals, and of receptions; without room nothing is."""
+    """What is kept for tables of intervals, of transmissions, and of receptions; without room nothing is."""
+    transmissions: Records
     receptions: Records
 
 
@@ -300,6 +313,7 @@ def new_network(
         told=new_records(16 * size + 16, REPORT),
         cck=cck,
         intervals=new_records(0, INTERVAL),
+        transmissions=new_records(0, TRANSMISSION),
         receptions=new_records(0, RECEPTION),
     )
     return with_packets(with_frames(network, 16), 64)

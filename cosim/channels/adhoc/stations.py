@@ -30,6 +30,8 @@ from cosim.channels.adhoc.state import (
     NONE,
     RECEIVED,
     RECEPTION,
+    TRANSMISSION,
+    KEPT,
     REPORT,
     Network,
     Records,
@@ -48,6 +50,8 @@ from cosim.units import Time
 
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
+_KEPT: Final = ("intervals", "transmissions", "receptions")
+"""What is kept for tables: arrays of the network, and their lengths in its common record."""
 LOG_ROWS: Final = 4096
 """Number of intervals, and of receptions, that are kept for tables before they are handed over."""
 
@@ -83,20 +87,23 @@ class Wanted(NamedTuple):
     """What the host wants to hear of, for tables."""
 
     frames: bool = False
-    """Every frame, when it has arrived to its end everywhere,"""
-    heard: bool = False
-    """and at each station that it reaches."""
+    """Every frame, when it has arrived to its end, at each station that it reaches, and everywhere."""
     intervals: bool = False
     """What the stations were doing,"""
+    transmissions: bool = False
+    """every frame once more,"""
     receptions: bool = False
-    """and what became of frames at them: both in bulk, later."""
+    """and what became of it at stations: these three in bulk, later."""
 
 
 class Log(NamedTuple):
     """What has been kept for tables."""
 
     intervals: Records
+    transmissions: Records
     receptions: Records
+    carried: Sequence[bytes]
+    """What each of the transmissions has carried."""
 
 
 class Host(Protocol):
@@ -133,11 +140,14 @@ class Stations:
         cck = tables(() if limits is None else _rates(self._timing))
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
-        self._common["noted"], self._common["heard"] = wanted.frames, wanted.heard
-        self._logs = wanted.intervals or wanted.receptions
+        self._common["noted"] = wanted.frames
+        self._logs = wanted.intervals or wanted.transmissions or wanted.receptions
+        self._carried: list[bytes] = []
+        """What the transmissions that are kept have carried, as far as told."""
         room = LOG_ROWS + EACH * size + MORE
         network = network._replace(
             intervals=new_records(room if wanted.intervals else 0, INTERVAL),
+            transmissions=new_records(room if wanted.transmissions else 0, TRANSMISSION),
             receptions=new_records(room if wanted.receptions else 0, RECEPTION),
         )
         names = "events", "told", "urgent", "frames_under_way", "first_there", "rowless"
@@ -253,34 +263,41 @@ class Stations:
         if not self._logs:
             return
         now = max(int(self._common["now"]), self._kernel.now)
-        log = self._kept()
-        late = log.intervals[log.intervals["end"] > now]  # energy is sensed some time after it has begun
-        if len(late):
-            log = log._replace(intervals=log.intervals[log.intervals["end"] <= now])
-        self._host.logged(log)
-        self._network.intervals[: len(late)] = late
-        self._common["intervals"], self._common["receptions"] = len(late), 0
+        intervals, transmissions, receptions = (self._kept(name) for name in _KEPT)
+        late = intervals["end"] > now  # energy is sensed some time after it has begun
+        told = len(self._carried)
+        self._host.logged(Log(intervals[~late], transmissions[:told], receptions, self._carried))
+        self._keep("intervals", intervals[late])
+        self._keep("transmissions", transmissions[told:])
+        self._keep("receptions", receptions[:0])
+        self._carried = []
 
     def under_way(self, now: Time) -> Records:
         """Return what the stations are doing *now*, as intervals that end now; hand over what they have done before."""
         self.flush()
-        before = int(self._common["intervals"])
+        late = self._kept("intervals").copy()
         if self._logs:
             log_under_way(self._network, now)
-        intervals = self._kept().intervals.copy()
-        self._common["intervals"] = before
+        intervals = self._kept("intervals").copy()
+        self._keep("intervals", late)
         intervals["end"] = np.minimum(intervals["end"], now)
         return intervals[intervals["begin"] < now]
 
     def close(self, now: Time) -> None:
         """Hand over all that has been kept: the run is over."""
         intervals = self.under_way(now)
-        self._common["intervals"] = 0
-        self._host.logged(Log(intervals, self._kept().receptions))
+        self._keep("intervals", intervals[:0])
+        self._host.logged(Log(intervals, self._kept("transmissions")[:0], self._kept("receptions"), ()))
 
-    def _kept(self) -> Log:
-        intervals, receptions = (int(self._common[name]) for name in Log._fields)
-        return Log(self._network.intervals[:intervals], self._network.receptions[:receptions])
+    def _kept(self, name: str) -> Records:
+        """Return the rows that are kept in the array *name* of the network."""
+        rows: Records = getattr(self._network, name)[: int(self._common[name])]
+        return rows
+
+    def _keep(self, name: str, rows: Records) -> None:
+        """Keep *rows*, and no others."""
+        getattr(self._network, name)[: len(rows)] = rows
+        self._common[name] = len(rows)
 
     def _make_log_room(self) -> None:
         """Hand over what has been kept if that leaves no room for what the next event may bring."""
@@ -404,7 +421,10 @@ class Stations:
         heard, packets = NONE, self._packets
         told = _REPORT.iter_unpack(self._reports[: count * _REPORT.size])
         for at, (what, station, number, right, power_mw, source, data_number) in enumerate(told):
-            if what != RECEIVED:
+            if what == KEPT:
+                heard = NONE
+                self._carried.append(packets[number].payload if number != NONE else b"")
+            elif what != RECEIVED:
                 heard = NONE
                 note = None if what == DONE else Report(*_WHOLE_REPORT.unpack_from(self._reports, at * _REPORT.size))
                 outcomes.append((packets.get(number), right, [station], [power_mw], source, None, note))
