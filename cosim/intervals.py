@@ -21,7 +21,7 @@ JAMMER: Final[Address] = -1
 STATES: Final[dict[str, str]] = {
     "awaits_ack": "802.11: a frame has been sent, its acknowledgement is to come",
     "awaits_cts": "802.11: an RTS has been sent, the answer that allows the frame is to come",
-    "backoff": "802.11: a back-off counts down, undisturbed: slots are left at the beginning, of those drawn from 0 to cw",
+    "backoff": "802.11: a back-off counts down: slots are left at the beginning, of those drawn from 0 to cw",
     "difs": "802.11: the medium is idle, and a frame or back-off waits for the interframe space to pass",
     "eifs": "802.11: the same after a frame that could not be read, when the space is longer (EIFS)",
     "off": "the radio is switched off",
@@ -56,9 +56,7 @@ class Intervals:
         if self.wanted and end > start:
             self._trace.row(INTERVALS, start, robot, end, self._radio, state, detail)
 
-    def add_many(
-        self, starts: Any, robots: Any, ends: Any, states: Sequence[str], details: Sequence[str]
-    ) -> None:
+    def add_many(self, starts: Any, robots: Any, ends: Any, states: Sequence[str], details: Sequence[str]) -> None:
         """Add intervals with a length, by column; times and robots are arrays of 64-bit integers."""
         if self.wanted:
             radios = array("q", (self._radio,)) * len(states)

@@ -23,7 +23,7 @@ from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
 from cosim.channels.adhoc.mac import KINDS, Packet
 from cosim.channels.adhoc.reach import FAINT_MW, Reach
-from cosim.channels.adhoc.routing.base import COUNTS, Delivery
+from cosim.channels.adhoc.routing.base import COUNTS, Delivery, Router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
 from cosim.channels.adhoc.stations import Log, Rules, Stations, Wanted
@@ -136,7 +136,11 @@ class AdhocChannel(IdealChannel):
         if routing is None:
             return None
         draws = streams.draws("routing")
-        return Forwarding(self.size, lambda robot, now: make_router(routing, robot, draws, now), self.kernel, self)
+
+        def make(robot: Address, now: Time) -> Router:
+            return make_router(routing, robot, draws, now)
+
+        return Forwarding(self.size, make, self.kernel, self, self.intervals)
 
     # ------------------------------------------------------------ the channel's contract
 
@@ -192,6 +196,8 @@ class AdhocChannel(IdealChannel):
 
     def under_way(self, now: Time) -> list[Interval]:
         """Return what its radios are doing *now*; what they have done before is written."""
+        if self._forwarding is not None:
+            self._forwarding.settle(now)
         columns = doings(self._stations.under_way(now))
         of_each = zip(columns.starts.tolist(), columns.stations.tolist(), columns.states, columns.details, strict=True)
         waits = [Interval(start, robot, now, 0, state, detail) for start, robot, state, detail in of_each]
@@ -199,6 +205,8 @@ class AdhocChannel(IdealChannel):
 
     def close(self, now: Time) -> None:
         """Write the intervals that are not over, and what is not written yet: the run is over."""
+        if self._forwarding is not None:
+            self._forwarding.settle(now)
         super().close(now)
         self._stations.close(now)
 

@@ -1,7 +1,7 @@
-"""What the stations of one 802.11 channel keep for tables: what each of them waits for, and what becomes of frames there.
+"""What the stations of one 802.11 channel keep for tables: what each of them waits for, and what becomes of frames.
 
-Rows go to two arrays of the network, from which Python takes them by the thousand. Where these have no room, nothing is
-kept. Nothing of what is kept here changes what a station does.
+Rows go to three arrays of the network, from which Python takes them by the thousand. Where these have no room, nothing
+is kept. Nothing of what is kept here changes what a station does.
 """
 
 import math
@@ -170,7 +170,7 @@ def log_reception(
     one has been lost, or is not over.
     """
     common, station, frame = network.common[0], network.stations[address], network.frames[number]
-    meant = frame.destination == BROADCAST or frame.destination == address
+    meant = frame.destination in (BROADCAST, address)
     if not (meant or mw >= common.follows_mw or (mw >= common.noise_mw and _disturbs(network, address, number, now))):
         return
     if meant and followed and not received:
@@ -191,7 +191,7 @@ def _disturbs(network: Network, address: int, number: int, now: Time) -> bool:
     station = network.stations[address]
     if station.followed != NONE:
         destination = network.frames[station.followed].destination
-        if destination == BROADCAST or destination == address:
+        if destination in (BROADCAST, address):
             return True
     return bool(station.lost_at > now - network.frames[number].form.duration)
 

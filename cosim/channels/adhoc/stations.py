@@ -26,13 +26,13 @@ from cosim.channels.adhoc.state import (
     END,
     FORM,
     INTERVAL,
+    KEPT,
     NEVER,
     NONE,
     RECEIVED,
     RECEPTION,
-    TRANSMISSION,
-    KEPT,
     REPORT,
+    TRANSMISSION,
     Network,
     Records,
     Report,
@@ -96,6 +96,9 @@ class Wanted(NamedTuple):
     """and what became of it at stations: these three in bulk, later."""
 
 
+NOTHING_WANTED: Final = Wanted()
+
+
 class Log(NamedTuple):
     """What has been kept for tables."""
 
@@ -132,7 +135,7 @@ class Stations:
     """All stations of a channel."""
 
     def __init__(
-        self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, wanted: Wanted = Wanted()
+        self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, wanted: Wanted = NOTHING_WANTED
     ) -> None:
         self._timing, self._access, limits = rules
         self._kernel = kernel
@@ -458,9 +461,10 @@ def _field(records: Records, name: str) -> memoryview:
 
 # ---------------------------------------------------------------- kernels
 #
-# A network is eleven arrays, and each call of a kernel takes them over from Python anew: that costs more than most events
-# do. These two take them once, and then do their work whenever they are asked for the next result. They borrow what
-# ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as held.
+# A network is twelve arrays, and each call of a kernel takes them over from Python anew: that costs more than most
+# events do. These two take them once, and then do their work whenever they are asked for the next result. They borrow
+# what ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as
+# held.
 
 
 @njit(cache=True, borrows=True)

@@ -84,7 +84,7 @@ _DETAILS: Final = _Details()
 
 
 def transmissions(rows: Records, carried: Sequence[bytes], routed: bool) -> Transmissions:
-    """Return the columns of *rows*, which have *carried* payloads as they are, or packets that a router has *routed*."""
+    """Return the columns of *rows*, which have *carried* that: payloads, or packets that a router has *routed*."""
     count = len(rows)
     times, sources, destinations, reserves, numbers, durations = (
         np.ascontiguousarray(rows[name])
@@ -104,9 +104,10 @@ def _hexadecimal(body: bytes) -> str:
 
 def receptions(rows: Records) -> Receptions:
     """Return the columns of *rows*."""
-    names = (np.ascontiguousarray(rows[name]) for name in ("begin", "source", "receiver"))
+    begins, sources, receivers = (np.ascontiguousarray(rows[name]) for name in ("begin", "source", "receiver"))
     outcomes = _OUTCOMES[rows["outcome"]].tolist()
-    return Receptions(*names, _known(rows["power_dbm"]), _known(rows["sinr_db"]), outcomes, [""] * len(rows))
+    powers_dbm, ratios_db = _known(rows["power_dbm"]), _known(rows["sinr_db"])
+    return Receptions(begins, sources, receivers, powers_dbm, ratios_db, outcomes, [""] * len(rows))
 
 
 def _known(values: Any) -> list[float | None]:
@@ -114,5 +115,4 @@ def _known(values: Any) -> list[float | None]:
     unknown = np.isnan(values)
     if unknown.all():
         return [None] * len(values)
-    known: list[float | None] = np.where(unknown, None, values).tolist()
-    return known
+    return [None if value != value else value for value in values.tolist()]
