@@ -277,6 +277,20 @@ class Stations:
 
     def under_way(self, now: Time) -> Records:
         """Return what the stations are doing *now*, as intervals that end now; hand over what they have done before."""
+        intervals = self._not_over(now)
+        return intervals[intervals["end"] == now]
+
+    def close(self, now: Time) -> None:
+        """Hand over all that has been kept: the run is over."""
+        intervals = self._not_over(now)
+        self._keep("intervals", intervals[:0])
+        self._host.logged(Log(intervals, self._kept("transmissions")[:0], self._kept("receptions"), ()))
+
+    def _not_over(self, now: Time) -> Records:
+        """Hand over what has been kept, and return what has not been, as far as it has come *now*.
+
+        If a station counts its back-off, the space before that is handed over with it.
+        """
         self.flush()
         late = self._kept("intervals").copy()
         if self._logs:
@@ -285,12 +299,6 @@ class Stations:
         self._keep("intervals", late)
         intervals["end"] = np.minimum(intervals["end"], now)
         return intervals[intervals["begin"] < now]
-
-    def close(self, now: Time) -> None:
-        """Hand over all that has been kept: the run is over."""
-        intervals = self.under_way(now)
-        self._keep("intervals", intervals[:0])
-        self._host.logged(Log(intervals, self._kept("transmissions")[:0], self._kept("receptions"), ()))
 
     def _kept(self, name: str) -> Records:
         """Return the rows that are kept in the array *name* of the network."""
