@@ -8,9 +8,8 @@ import math
 from typing import Final
 
 import cosim.elementary as elementary
-from cosim.channels.adhoc.air import tell
 from cosim.channels.adhoc.mac import CTS
-from cosim.channels.adhoc.state import KEPT, NEVER, NONE, Network
+from cosim.channels.adhoc.state import NEVER, NONE, Network
 from cosim.jit import njit
 from cosim.machine import BROADCAST
 from cosim.units import Time
@@ -147,33 +146,32 @@ def log_under_way(network: Network, now: Time) -> None:
 
 @njit(cache=True, borrows=True)
 def log_transmission(network: Network, number: int) -> None:
-    """Keep frame *number*, which has arrived to its end everywhere; Python has to keep what it carries at once."""
+    """Keep frame *number*, which has arrived to its end everywhere."""
     common, frame = network.common[0], network.frames[number]
     row = network.transmissions[common.transmissions]
     common.transmissions += 1
     row.begin, row.source, row.kind, row.destination = frame.begin, frame.source, frame.kind, frame.destination
     row.reserves, row.number, row.duration, row.whole = frame.reserves, frame.number, frame.form.duration, frame.whole
-    row.again = False
+    row.packet, row.again = frame.packet, False
     if frame.packet != NONE:
         packet = network.packets[frame.packet]
         row.again = packet.short + packet.long > 0  # a CTS has put failures of RTS back to 0
-    tell(network, KEPT, NONE, frame.packet, True)
 
 
 @njit(cache=True, borrows=True)
 def log_reception(
     network: Network, address: int, number: int, mw: float, followed: bool, received: bool, now: Time
 ) -> None:
-    """Keep what has become of frame *number*, which ends *now*, at a station, if it was meant for it or has mattered.
+    """Keep what has become of frame *number*, which ends *now*, at a station, if it was for that one or has mattered.
 
-    It has if it could be noticed as a frame, or was more than noise while a frame for that station was there, and that
-    one has been lost, or is not over.
+    It has if it was strong enough to be noticed as a frame, which one for all must be; or more than noise while a frame
+    for that station was there, and that one has been lost, or is not over.
     """
     common, station, frame = network.common[0], network.stations[address], network.frames[number]
-    meant = frame.destination in (BROADCAST, address)
-    if not (meant or mw >= common.follows_mw or (mw >= common.noise_mw and _disturbs(network, address, number, now))):
-        return
-    if meant and followed and not received:
+    if mw < common.follows_mw and frame.destination != address:
+        if mw < common.noise_mw or not _disturbs(network, address, number, now):
+            return
+    elif followed and not received and frame.destination in (BROADCAST, address):
         station.lost_at = now
     row = network.receptions[common.receptions]
     common.receptions += 1

@@ -172,8 +172,6 @@ HEARD: Final = 2
 """A frame has arrived to its end at a station."""
 OVER: Final = 3
 """A frame has arrived to its end everywhere."""
-KEPT: Final = 4
-"""A transmission is kept that carries a packet."""
 
 REPORT: Final = np.dtype(
     [
@@ -208,6 +206,7 @@ INTERVAL: Final = np.dtype(
 TRANSMISSION: Final = np.dtype(
     [
         *((name, np.int64) for name in ("begin", "source", "kind", "destination", "reserves", "number", "duration")),
+        ("packet", np.int64),
         ("again", np.bool_),  # the packet has failed before
         ("whole", np.bool_),
     ],

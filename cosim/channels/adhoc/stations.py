@@ -26,7 +26,6 @@ from cosim.channels.adhoc.state import (
     END,
     FORM,
     INTERVAL,
-    KEPT,
     NEVER,
     NONE,
     RECEIVED,
@@ -146,7 +145,7 @@ class Stations:
         self._common["noted"] = wanted.frames
         self._logs = wanted.intervals or wanted.transmissions or wanted.receptions
         self._carried: list[bytes] = []
-        """What the transmissions that are kept have carried, as far as told."""
+        """What the transmissions that are kept have carried, as far as it was looked for."""
         room = LOG_ROWS + EACH * size + MORE
         network = network._replace(
             intervals=new_records(room if wanted.intervals else 0, INTERVAL),
@@ -183,6 +182,10 @@ class Stations:
         self._network = network
         self._advancing, self._queueing = _advancing(network, self._until), _queueing(network, self._forms, self._offer)
         self._times, self._ranks = _field(network.agenda, "time"), _field(network.agenda, "rank")
+        self._transmissions_kept, self._packets_kept = (
+            _field(network.common, "transmissions"),
+            _field(network.transmissions, "packet"),
+        )
         self._reports = network.told.view(np.uint8).data
 
     # ------------------------------------------------------------ what goes in
@@ -202,6 +205,8 @@ class Stations:
         if number == NONE:
             self._make_room()
             number = next(self._queueing)
+        if self._logs:
+            self._note_carried()
         self._packets[number] = packet
         self._arm()
 
@@ -268,10 +273,10 @@ class Stations:
         now = max(int(self._common["now"]), self._kernel.now)
         intervals, transmissions, receptions = (self._kept(name) for name in _KEPT)
         late = intervals["end"] > now  # energy is sensed some time after it has begun
-        told = len(self._carried)
-        self._host.logged(Log(intervals[~late], transmissions[:told], receptions, self._carried))
+        self._note_carried()
+        self._host.logged(Log(intervals[~late], transmissions, receptions, self._carried))
         self._keep("intervals", intervals[late])
-        self._keep("transmissions", transmissions[told:])
+        self._keep("transmissions", transmissions[:0])
         self._keep("receptions", receptions[:0])
         self._carried = []
 
@@ -285,6 +290,13 @@ class Stations:
         intervals = self._not_over(now)
         self._keep("intervals", intervals[:0])
         self._host.logged(Log(intervals, self._kept("transmissions")[:0], self._kept("receptions"), ()))
+
+    def _note_carried(self) -> None:
+        """Note what transmissions have carried, before a packet that is done with leaves its number to another."""
+        kept = self._packets_kept
+        for at in range(len(self._carried), self._transmissions_kept[0]):
+            number = kept[at]
+            self._carried.append(b"" if number == NONE else self._packets[number].payload)
 
     def _not_over(self, now: Time) -> Records:
         """Hand over what has been kept, and return what has not been, as far as it has come *now*.
@@ -432,10 +444,7 @@ class Stations:
         heard, packets = NONE, self._packets
         told = _REPORT.iter_unpack(self._reports[: count * _REPORT.size])
         for at, (what, station, number, right, power_mw, source, data_number) in enumerate(told):
-            if what == KEPT:
-                heard = NONE
-                self._carried.append(packets[number].payload if number != NONE else b"")
-            elif what != RECEIVED:
+            if what != RECEIVED:
                 heard = NONE
                 note = None if what == DONE else Report(*_WHOLE_REPORT.unpack_from(self._reports, at * _REPORT.size))
                 outcomes.append((packets.get(number), right, [station], [power_mw], source, None, note))
