@@ -283,7 +283,8 @@ class Stations:
     def under_way(self, now: Time) -> Records:
         """Return what the stations are doing *now*, as intervals that end now; hand over what they have done before."""
         intervals = self._not_over(now)
-        return intervals[intervals["end"] == now]
+        going_on: Records = intervals[intervals["end"] == now]
+        return going_on
 
     def close(self, now: Time) -> None:
         """Hand over all that has been kept: the run is over."""
