@@ -154,7 +154,8 @@ def _fail(network: Network, address: int, now: Time) -> None:
     """Try the first of the queue again after a longer back-off, or drop it (9.2.5.3)."""
     common, station = network.common[0], network.stations[address]
     packet = network.packets[station.first]
-    log_response(network, address, now)
+    if common.keeps:
+        log_response(network, address, now)
     after = 0 if common.bianchi_counting else common.difs
     if station.awaits == ACK and packet.asks:
         packet.long += 1
@@ -193,25 +194,29 @@ def contend(network: Network, address: int, now: Time) -> None:
         if station.sending == NONE and station.reserved_until <= now and not sensed:
             station.ends = due
             station.ends_event = push(network, due, AIR, MAY_SEND, address)
-            note_waiting(network, address, now)
+            if common.keeps:
+                note_waiting(network, address, now)
             return
         _draw(common, station, address, now)
     if station.sending != NONE:
         return
     if busy:
-        log_unsensed(network, address, now)
+        if common.keeps:
+            log_unsensed(network, address, now)
     else:
         station.counted_from = max(idle_for_good, station.not_before)
         station.ends = station.counted_from + station.slots * common.slot
         station.ends_event = push(network, station.ends, AIR, MAY_SEND, address)
-        note_waiting(network, address, now)
+        if common.keeps:
+            note_waiting(network, address, now)
 
 
 @njit(cache=True, borrows=True)
 def may_send(network: Network, address: int, now: Time) -> None:
     """Send what the station has waited to send, if anything."""
     common, station = network.common[0], network.stations[address]
-    log_access(network, address, now)
+    if common.keeps:
+        log_access(network, address, now)
     station.ends, station.ends_event = NEVER, NONE
     station.pending = False
     if station.waiting == 0:
@@ -231,7 +236,9 @@ def _defer(network: Network, address: int, sensed_at: Time, now: Time) -> None:
     common, station = network.common[0], network.stations[address]
     if station.ends == NEVER or station.ends < sensed_at:
         return
-    log_access(network, address, sensed_at if station.act < now else min(sensed_at, station.act))  # it may answer first
+    if common.keeps:
+        answers_at = station.act if station.act >= now else NEVER
+        log_access(network, address, min(sensed_at, answers_at))
     station.ends, station.ends_event = NEVER, NONE
     if station.pending:
         _interrupt(common, station, sensed_at)
@@ -390,7 +397,8 @@ def _go_on(network: Network, address: int, now: Time) -> None:
     """Go on with the exchange: the awaited response has come."""
     common, station = network.common[0], network.stations[address]
     response = station.awaits
-    log_response(network, address, now)
+    if common.keeps:
+        log_response(network, address, now)
     station.timeout_event, station.awaits = NONE, NONE
     if response == ACK:
         _finish(network, address, True, 0, now)

@@ -145,9 +145,13 @@ def log_under_way(network: Network, now: Time) -> None:
 
 
 @njit(cache=True, borrows=True)
-def log_transmission(network: Network, number: int) -> None:
-    """Keep frame *number*, which has arrived to its end everywhere."""
+def log_transmission(network: Network, number: int, missed: bool) -> None:
+    """Keep frame *number*, which has arrived to its end everywhere, and that it has *missed* whom it was for if so."""
     common, frame = network.common[0], network.frames[number]
+    if missed and frame.destination != BROADCAST and len(network.receptions) > 0:
+        _log_missed(network, number)
+    if len(network.transmissions) == 0:
+        return
     row = network.transmissions[common.transmissions]
     common.transmissions += 1
     row.begin, row.source, row.kind, row.destination = frame.begin, frame.source, frame.kind, frame.destination
@@ -168,6 +172,8 @@ def log_reception(
     for that station was there, and that one has been lost, or is not over.
     """
     common, station, frame = network.common[0], network.stations[address], network.frames[number]
+    if len(network.receptions) == 0:
+        return
     if mw < common.follows_mw and frame.destination != address:
         if mw < common.noise_mw or not _disturbs(network, address, number, now):
             return
@@ -195,7 +201,7 @@ def _disturbs(network: Network, address: int, number: int, now: Time) -> bool:
 
 
 @njit(cache=True, borrows=True)
-def log_missed(network: Network, number: int) -> None:
+def _log_missed(network: Network, number: int) -> None:
     """Keep that frame *number* has not reached the station that it was meant for."""
     common, frame = network.common[0], network.frames[number]
     row = network.receptions[common.receptions]

@@ -48,6 +48,7 @@ COMMON: Final = np.dtype(
         ("events", np.int64),  # number of events on the agenda
         ("orders", np.int64),  # number of events that have ever been put there
         ("told", np.int64),  # number of reports that wait
+        ("keeps", np.bool_),  # something is kept for tables: looked at before calls of kernels, which cost more
         ("intervals", np.int64),  # number of rows of these that are kept for tables
         ("transmissions", np.int64),
         ("receptions", np.int64),

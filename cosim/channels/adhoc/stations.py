@@ -143,7 +143,7 @@ class Stations:
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
         self._common["noted"] = wanted.frames
-        self._logs = wanted.intervals or wanted.transmissions or wanted.receptions
+        self._logs = self._common["keeps"] = wanted.intervals or wanted.transmissions or wanted.receptions
         self._carried: list[bytes] = []
         """What the transmissions that are kept have carried, as far as it was looked for."""
         room = LOG_ROWS + EACH * size + MORE

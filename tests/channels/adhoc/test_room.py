@@ -83,5 +83,5 @@ def test_of_what_is_kept_for_tables(kept: int) -> None:
     for name, (fields, rows) in enough.items():
         for room, why in ((rows - 1, FULL), (rows, IDLE)):
             network = waiting()
-            network.common[name] = kept
+            network.common["keeps"], network.common[name] = True, kept
             assert ended(network._replace(**{name: new_records(room, fields)})) == (why if room else IDLE), name
