@@ -15,6 +15,7 @@ from cosim.jit import counted_compilations
 from cosim.processes import in_processes
 from cosim.scenario import build, protocol_names
 from cosim.simulation import simulate
+from cosim.trace import INTERVALS, RECEPTIONS, TRANSMISSIONS
 
 FADING: Final = {"model": "log_distance"}
 CHANNELS: Final[Mapping[str, Mapping[str, Any]]] = {
@@ -79,7 +80,7 @@ def compile_for(run: ShortRun) -> Warmed:
     with counted_compilations() as count:
         try:
             scenario = build(plain, run.protocol, Path())
-            simulate(scenario, scenario.seed)
+            simulate(scenario, scenario.seed, (INTERVALS, TRANSMISSIONS, RECEPTIONS))
         except UserError as error:  # a protocol may need more than its defaults
             refused = str(error)
     return Warmed(run, count.kernels, perf_counter() - began, refused)

@@ -3,11 +3,13 @@
 import math
 import os
 import stat
+from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
 from stat import S_ISDIR
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -20,6 +22,7 @@ from cosim.trace import (
     FRAMES,
     MESSAGES,
     POSES,
+    RECEPTIONS,
     TABLES,
     Field,
     Table,
@@ -58,6 +61,21 @@ def poses(*rows: tuple[int, int, float]) -> Trace:
 
 
 # ---------------------------------------------------------------- tables
+
+
+def test_rows_by_column_are_those_that_were_appended_one_by_one():
+    one, bulk = Trace([RECEPTIONS]), Trace([RECEPTIONS])
+    rows = [(3, 0, 1, -60.5, None, "received", ""), (3, 0, 2, None, 4.0, "collided", "")]
+    for row in rows:
+        one.row(RECEPTIONS, *row)
+    times, sources, receivers, *others = (list(column) for column in zip(*rows, strict=True))
+    numbers = (np.array(times), array("q", sources), np.array(receivers))
+    bulk.rows(RECEPTIONS, *numbers, *others)
+    assert bulk.columns("receptions") == one.columns("receptions")
+    bulk.rows(POSES, *numbers, *others)
+    assert bulk.digest() == one.digest()
+    with pytest.raises(ValueError, match="shorter"):
+        bulk.rows(RECEPTIONS, *numbers)
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)

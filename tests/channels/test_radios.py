@@ -35,7 +35,7 @@ from cosim.node import Node
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, build
 from cosim.simulation import Simulation
-from cosim.trace import FRAMES, POSES, Trace
+from cosim.trace import FRAMES, INTERVALS, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
 from cosim.units import MS, S, Time
 from tests.faults.fault_scene import rows, scenario
 
@@ -63,9 +63,14 @@ class Host:
 class Field:
     """Robots with radios on a plane."""
 
-    def __init__(self, carried: Sequence[Sequence[int]], settings: Iterable[dict[str, Any]] = (SHORT, LONG)) -> None:
+    def __init__(
+        self,
+        carried: Sequence[Sequence[int]],
+        settings: Iterable[dict[str, Any]] = (SHORT, LONG),
+        tables: Iterable[Table] = (FRAMES,),
+    ) -> None:
         self.kernel = Kernel()
-        self.trace = Trace(with_radio((FRAMES,)))
+        self.trace = Trace(with_radio(tables))
         self.parts = [self._part(each, radio, len(carried)) for radio, each in enumerate(settings)]
         self.channel = RadiosChannel(self.kernel, self.trace, self.parts, carried)
         self.hosts = [Host() for _ in carried]
@@ -393,3 +398,23 @@ def test_robots_without_the_radio_of_their_protocol_are_refused(team: Any, said:
     with pytest.raises(UserError, match=f"^depot.yaml: {said}"):
         build(plain, "depot.yaml", Path())
     build(plain | {"team": LACKING | {"groups": [{"radios": [0, 1]}]}}, "depot.yaml", Path())
+
+
+def test_rows_that_come_in_bulk_have_the_number_of_their_radio_and_what_is_under_way_too() -> None:
+    field = Field((BOTH, BOTH, FIRST), tables=(TRANSMISSIONS, RECEPTIONS, INTERVALS))
+    for radio in BOTH:
+        field.send(MS, 0, Outgoing(1, b"to one", 1, radio))
+    field.kernel.run(MS + 600_000)
+    under_way = {(each.robot, each.radio, each.state) for each in field.channel.under_way(field.kernel.now)}
+    assert under_way >= {(0, 0, "awaits_ack"), (0, 1, "awaits_ack"), (2, 1, "off")}
+    field.kernel.run(S)
+    field.channel.close(S)
+    for name in ("transmissions", "receptions"):
+        columns = field.trace.columns(name)
+        rows = list(zip(columns["source"], columns["radio"], strict=True))
+        assert rows.count((0, 0)) > 0
+        assert rows.count((0, 1)) > 0
+    columns = field.trace.columns("intervals")
+    rows = set(zip(columns["robot"], columns["radio"], columns["state"], strict=True))
+    assert {(0, 0, "backoff"), (0, 1, "backoff"), (2, 1, "off")} <= rows
+    assert (2, 0, "off") not in rows

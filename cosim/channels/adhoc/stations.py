@@ -18,16 +18,20 @@ from cosim.channels.adhoc.advance import FULL, ROWLESS, TOLD, advance, jam_all
 from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
+from cosim.channels.adhoc.log import EACH, MORE, has_log_room, log_under_way
 from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
     END,
     FORM,
+    INTERVAL,
     NEVER,
     NONE,
     RECEIVED,
+    RECEPTION,
     REPORT,
+    TRANSMISSION,
     Network,
     Records,
     Report,
@@ -45,6 +49,10 @@ from cosim.units import Time
 
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
+_KEPT: Final = ("intervals", "transmissions", "receptions")
+"""What is kept for tables: arrays of the network, and their lengths in its common record."""
+LOG_ROWS: Final = 4096
+"""Number of intervals, and of receptions, that are kept for tables before they are handed over."""
 
 _READ: Final = ("what", "station", "packet", "right", "mw", "source", "number")
 """Fields of reports of which hosts hear, in their order."""
@@ -52,6 +60,8 @@ _REPORT: Final = Struct(
     "".join(REPORT[name].char if name in _READ else f"{REPORT[name].itemsize}x" for name in REPORT.fields or ()) + "0q"
 )
 """These fields of a report, and what is skipped."""
+_WHOLE_REPORT: Final = Struct("".join(REPORT[name].char for name in REPORT.fields or ()) + "0q")
+"""All its fields."""
 _OFFERED: Final = ("address", "destination", "form", "asks", "awaited", "now")
 _OFFER: Final = np.dtype([(name, np.int64) for name in _OFFERED], align=True)
 """What ``queue`` is to do; its form by number."""
@@ -72,6 +82,32 @@ class Rules(NamedTuple):
     """Noise and thresholds; None if all frames in reach are alike."""
 
 
+class Wanted(NamedTuple):
+    """What the host wants to hear of, for tables."""
+
+    frames: bool = False
+    """Every frame, when it has arrived to its end, at each station that it reaches, and everywhere."""
+    intervals: bool = False
+    """What the stations were doing,"""
+    transmissions: bool = False
+    """every frame once more,"""
+    receptions: bool = False
+    """and what became of it at stations: these three in bulk, later."""
+
+
+NOTHING_WANTED: Final = Wanted()
+
+
+class Log(NamedTuple):
+    """What has been kept for tables."""
+
+    intervals: Records
+    transmissions: Records
+    receptions: Records
+    carried: Sequence[bytes]
+    """What each of the transmissions has carried."""
+
+
 class Host(Protocol):
     """The other side of all stations."""
 
@@ -90,18 +126,32 @@ class Host(Protocol):
     def noted(self, report: Report, packet: Packet | None) -> None:
         """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER)."""
 
+    def logged(self, log: Log) -> None:
+        """Write what has been kept, in arrays that are the stations' own."""
+
 
 class Stations:
-    """All stations of a channel; *noted* if the host wants to hear of every frame."""
+    """All stations of a channel."""
 
-    def __init__(self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, noted: bool = False) -> None:
+    def __init__(
+        self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, wanted: Wanted = NOTHING_WANTED
+    ) -> None:
         self._timing, self._access, limits = rules
         self._kernel = kernel
         self._host = host
         cck = tables(() if limits is None else _rates(self._timing))
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
-        self._common["noted"] = noted
+        self._common["noted"] = wanted.frames
+        self._logs = self._common["keeps"] = wanted.intervals or wanted.transmissions or wanted.receptions
+        self._carried: list[bytes] = []
+        """What the transmissions that are kept have carried, as far as it was looked for."""
+        room = LOG_ROWS + EACH * size + MORE
+        network = network._replace(
+            intervals=new_records(room if wanted.intervals else 0, INTERVAL),
+            transmissions=new_records(room if wanted.transmissions else 0, TRANSMISSION),
+            receptions=new_records(room if wanted.receptions else 0, RECEPTION),
+        )
         names = "events", "told", "urgent", "frames_under_way", "first_there", "rowless"
         self._events, self._told, self._urgent, self._under_way, self._first_there, self._rowless = (
             _field(network.common, name) for name in names
@@ -132,6 +182,10 @@ class Stations:
         self._network = network
         self._advancing, self._queueing = _advancing(network, self._until), _queueing(network, self._forms, self._offer)
         self._times, self._ranks = _field(network.agenda, "time"), _field(network.agenda, "rank")
+        self._transmissions_kept, self._packets_kept = (
+            _field(network.common, "transmissions"),
+            _field(network.transmissions, "packet"),
+        )
         self._reports = network.told.view(np.uint8).data
 
     # ------------------------------------------------------------ what goes in
@@ -151,6 +205,8 @@ class Stations:
         if number == NONE:
             self._make_room()
             number = next(self._queueing)
+        if self._logs:
+            self._note_carried()
         self._packets[number] = packet
         self._arm()
 
@@ -164,6 +220,7 @@ class Stations:
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
+        self._make_log_room()
         power(self._network, address, on, self._kernel.now)
         if not on:
             self._heard[address].clear()
@@ -206,6 +263,70 @@ class Stations:
     def dropped(self) -> int:
         """Number of packets that were sent as often as allowed, and not acknowledged."""
         return int(self._common["dropped"])
+
+    # ------------------------------------------------------------ what is kept for tables
+
+    def flush(self) -> None:
+        """Hand to the host what has been kept, but for what goes on beyond now."""
+        if not self._logs:
+            return
+        now = max(int(self._common["now"]), self._kernel.now)
+        intervals, transmissions, receptions = (self._kept(name) for name in _KEPT)
+        late = intervals["end"] > now  # energy is sensed some time after it has begun
+        self._note_carried()
+        self._host.logged(Log(intervals[~late], transmissions, receptions, self._carried))
+        self._keep("intervals", intervals[late])
+        self._keep("transmissions", transmissions[:0])
+        self._keep("receptions", receptions[:0])
+        self._carried = []
+
+    def under_way(self, now: Time) -> Records:
+        """Return what the stations are doing *now*, as intervals that end now; hand over what they have done before."""
+        intervals = self._not_over(now)
+        going_on: Records = intervals[intervals["end"] == now]
+        return going_on
+
+    def close(self, now: Time) -> None:
+        """Hand over all that has been kept: the run is over."""
+        intervals = self._not_over(now)
+        self._keep("intervals", intervals[:0])
+        self._host.logged(Log(intervals, self._kept("transmissions")[:0], self._kept("receptions"), ()))
+
+    def _note_carried(self) -> None:
+        """Note what transmissions have carried, before a packet that is done with leaves its number to another."""
+        kept = self._packets_kept
+        for at in range(len(self._carried), self._transmissions_kept[0]):
+            number = kept[at]
+            self._carried.append(b"" if number == NONE else self._packets[number].payload)
+
+    def _not_over(self, now: Time) -> Records:
+        """Hand over what has been kept, and return what has not been, as far as it has come *now*.
+
+        If a station counts its back-off, the space before that is handed over with it.
+        """
+        self.flush()
+        late = self._kept("intervals").copy()
+        if self._logs:
+            log_under_way(self._network, now)
+        intervals = self._kept("intervals").copy()
+        self._keep("intervals", late)
+        intervals["end"] = np.minimum(intervals["end"], now)
+        return intervals[intervals["begin"] < now]
+
+    def _kept(self, name: str) -> Records:
+        """Return the rows that are kept in the array *name* of the network."""
+        rows: Records = getattr(self._network, name)[: int(self._common[name])]
+        return rows
+
+    def _keep(self, name: str, rows: Records) -> None:
+        """Keep *rows*, and no others."""
+        getattr(self._network, name)[: len(rows)] = rows
+        self._common[name] = len(rows)
+
+    def _make_log_room(self) -> None:
+        """Hand over what has been kept if that leaves no room for what the next event may bring."""
+        if self._logs and not has_log_room(self._network):
+            self.flush()
 
     # ------------------------------------------------------------ how time goes on
 
@@ -283,6 +404,7 @@ class Stations:
         """Make room for another packet, and for what the next event may bring."""
         if self._told[0] and not self._urgent[0]:
             self._tell()
+        self._make_log_room()
         network, size = self._network, len(self._network.stations)
         if self._common["free_frame"] == NONE:
             network = with_frames(network, len(network.frames))
@@ -325,7 +447,7 @@ class Stations:
         for at, (what, station, number, right, power_mw, source, data_number) in enumerate(told):
             if what != RECEIVED:
                 heard = NONE
-                note = None if what == DONE else Report(*self._network.told[at].tolist())
+                note = None if what == DONE else Report(*_WHOLE_REPORT.unpack_from(self._reports, at * _REPORT.size))
                 outcomes.append((packets.get(number), right, [station], [power_mw], source, None, note))
             elif number == heard:
                 receivers.append(station)
@@ -357,9 +479,10 @@ def _field(records: Records, name: str) -> memoryview:
 
 # ---------------------------------------------------------------- kernels
 #
-# A network is nine arrays, and each call of a kernel takes them over from Python anew: that costs more than most events
-# do. These two take them once, and then do their work whenever they are asked for the next result. They borrow what
-# ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as held.
+# A network is twelve arrays, and each call of a kernel takes them over from Python anew: that costs more than most
+# events do. These two take them once, and then do their work whenever they are asked for the next result. They borrow
+# what ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as
+# held.
 
 
 @njit(cache=True, borrows=True)

@@ -17,11 +17,11 @@ from tests.checkout import ROOT
 from tests.mutants import Mutant, drawn_mutants, is_found
 
 PACKAGE = "cosim.channels.adhoc"
-KERNELS = ("advance", "agenda", "air", "dcf", "errors", "reach", "reception")
+KERNELS = ("advance", "agenda", "air", "dcf", "errors", "log", "reach", "reception")
 ORACLE = "tests/channels/adhoc/test_dcf_equals_oracle.py"
 TESTS = (
     *("test_room", "test_channel", "test_forwarding", "test_reception", "test_reach", "test_phy_errors"),
-    "test_jamming_adhoc",
+    *("test_jamming_adhoc", "test_adhoc_tables"),
 )
 FIRST = (*(f"tests/channels/adhoc/{name}.py" for name in TESTS), ORACLE, "-m", "not soak")
 """The tests that most errors fail, those that take least time before the others."""

@@ -5,8 +5,10 @@ import pytest
 
 from cosim.channels.adhoc.advance import FULL, IDLE, advance
 from cosim.channels.adhoc.dcf import queue
+from cosim.channels.adhoc.log import EACH as SPACES
+from cosim.channels.adhoc.log import MORE as MORE_SPACES
 from cosim.channels.adhoc.mac import Access, Form, Timing
-from cosim.channels.adhoc.state import NONE, Network, new_network
+from cosim.channels.adhoc.state import INTERVAL, NONE, RECEPTION, TRANSMISSION, Network, new_network, new_records
 from cosim.machine import BROADCAST
 from cosim.units import US
 
@@ -69,3 +71,17 @@ def test_of_frames() -> None:
     network.common["free_frame"] = NONE
     assert ended(network) == FULL
     assert ended(waiting()) == IDLE
+
+
+@pytest.mark.parametrize("kept", [0, 5])
+def test_of_what_is_kept_for_tables(kept: int) -> None:
+    enough = {
+        "intervals": (INTERVAL, kept + SPACES * SIZE + MORE_SPACES),
+        "transmissions": (TRANSMISSION, kept + 1),
+        "receptions": (RECEPTION, kept + SIZE + 1),
+    }
+    for name, (fields, rows) in enough.items():
+        for room, why in ((rows - 1, FULL), (rows, IDLE)):
+            network = waiting()
+            network.common["keeps"], network.common[name] = True, kept
+            assert ended(network._replace(**{name: new_records(room, fields)})) == (why if room else IDLE), name
