@@ -30,7 +30,7 @@ from cosim.channels.adhoc.dcf import (
 )
 from cosim.channels.adhoc.log import has_log_room, log_reception, log_transmission
 from cosim.channels.adhoc.reception import is_calm
-from cosim.channels.adhoc.state import HEARD, NEVER, NONE, OVER, Network
+from cosim.channels.adhoc.state import HEARD, NEVER, NONE, OVER, Log, Network
 from cosim.jit import njit
 from cosim.kernel import DELIVER
 from cosim.machine import BROADCAST
@@ -47,7 +47,7 @@ FULL: Final = 3
 
 
 @njit(cache=True, borrows=True)
-def advance(network: Network, until: Time, phase: int) -> tuple[int, Time, int]:
+def advance(network: Network, log: Log | None, until: Time, phase: int) -> tuple[int, Time, int]:
     """Carry out what is due before the instant *until* and its *phase*; return why that has ended, and what is next.
 
     That is the instant and phase of what has come out for hosts, or of the next event; the instant is NEVER if there is
@@ -61,7 +61,7 @@ def advance(network: Network, until: Time, phase: int) -> tuple[int, Time, int]:
             break
         if now > until or (now == until and due >= phase):
             break
-        if not _has_room(network):
+        if not _has_room(network, log):
             return FULL, now, due
         if first.kind == ARRIVE:
             common.rowless = without_row(network, now)
@@ -71,11 +71,11 @@ def advance(network: Network, until: Time, phase: int) -> tuple[int, Time, int]:
         kind, who, life, order = first.kind, first.who, first.life, first.rank & (1 << ORDER_BITS) - 1
         drop_first(network)
         if kind == ARRIVE:
-            _arrive(network, now)
+            _arrive(network, log, now)
         elif kind == LEAVE:
-            _leave(network, who, now)
+            _leave(network, log, who, now)
         else:
-            _act(network, who, kind, order, life, now)
+            _act(network, log, who, kind, order, life, now)
     if common.urgent:
         return TOLD, common.now, common.phase
     if common.events == 0:
@@ -84,38 +84,40 @@ def advance(network: Network, until: Time, phase: int) -> tuple[int, Time, int]:
 
 
 @njit(cache=True, borrows=True)
-def _has_room(network: Network) -> bool:
+def _has_room(network: Network, log: Log | None) -> bool:
     """Return whether the next event cannot bring more events, reports and frames than there is room for."""
     common, size = network.common[0], len(network.stations)
     events = common.events + 2 * size + common.frames_under_way + 4 <= len(network.agenda)
     reports = common.told + 2 * size + 4 <= len(network.told)
-    return bool(events and reports and common.free_frame != NONE and (not common.keeps or has_log_room(network)))
+    if log is not None and not has_log_room(network, log):
+        return False
+    return bool(events and reports and common.free_frame != NONE)
 
 
 @njit(cache=True, borrows=True)
-def _act(network: Network, address: int, kind: int, order: int, life: int, now: Time) -> None:
+def _act(network: Network, log: Log | None, address: int, kind: int, order: int, life: int, now: Time) -> None:
     """Have a station do what it was to do *now*, unless that has been cancelled."""
     station = network.stations[address]
     if kind == MAY_SEND:
         if station.ends_event == order:
-            may_send(network, address, now)
+            may_send(network, log, address, now)
     elif kind == GIVE_UP:
         if station.timeout_event == order:
-            give_up(network, address, now)
+            give_up(network, log, address, now)
     elif kind == CONTEND:
-        contend(network, address, now)
+        contend(network, log, address, now)
     elif station.life != life:
         return  # it has been switched off since
     elif kind == SENT:
-        sent(network, address, now)
+        sent(network, log, address, now)
     elif kind == ANSWER:
-        answer(network, address, now)
+        answer(network, log, address, now)
     elif kind == SEND_DATA:
-        send_data(network, address, now)
+        send_data(network, log, address, now)
 
 
 @njit(cache=True, borrows=True)
-def _arrive(network: Network, now: Time) -> None:
+def _arrive(network: Network, log: Log | None, now: Time) -> None:
     """Have all frames that begin to arrive now do so, in the order of their senders."""
     common, powers_mw = network.common[0], network.powers_mw
     number = next_arrival(network, now)
@@ -129,16 +131,16 @@ def _arrive(network: Network, now: Time) -> None:
                 powers_mw[number, address] = mw
                 network.stations[address].arriving += 1
             else:
-                energy_begins(network, address, number, mw, now)
+                energy_begins(network, log, address, number, mw, now)
         push(network, now + frame.form.duration, DELIVER, LEAVE, number)
         number = next_arrival(network, now)
 
 
 @njit(cache=True, borrows=True)
-def _leave(network: Network, number: int, now: Time) -> None:
+def _leave(network: Network, log: Log | None, number: int, now: Time) -> None:
     """Have a frame end wherever it has arrived."""
     frame, missed = network.frames[number], True
-    noted, keeps = network.common[0].noted, network.common[0].keeps
+    noted = network.common[0].noted
     for at in range(frame.row, frame.row_end):
         address, followed, received = network.rows[at].address, False, False
         if is_calm(network, address, 0.0):
@@ -146,21 +148,21 @@ def _leave(network: Network, number: int, now: Time) -> None:
             network.stations[address].arriving -= 1
         else:
             followed = network.stations[address].followed == number
-            received = energy_ends(network, address, number, now)
+            received = energy_ends(network, log, address, number, now)
         missed &= frame.destination != BROADCAST and frame.destination != address
         if noted:
             tell_frame(network, HEARD, address, number, received, 0.0)
-        if keeps:
-            log_reception(network, address, number, network.rows[at].mw, followed, received, now)
-    if keeps:
-        log_transmission(network, number, missed)
+        if log is not None:
+            log_reception(network, log, address, number, network.rows[at].mw, followed, received, now)
+    if log is not None:
+        log_transmission(network, log, number, missed)
     if noted:
         tell_frame(network, OVER, NONE, number, frame.whole, 0.0).missed = missed
     forget(network, number)
 
 
 @njit(cache=True, borrows=True)
-def jam_all(network: Network, powers_mw: Floats, at: Time, now: Time) -> None:
+def jam_all(network: Network, log: Log | None, powers_mw: Floats, at: Time, now: Time) -> None:
     """Have all stations receive *powers_mw*, shape (n,), of jammers from *at* on."""
     for address in range(len(powers_mw)):
-        jam(network, address, powers_mw[address], at, now)
+        jam(network, log, address, powers_mw[address], at, now)

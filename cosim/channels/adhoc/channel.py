@@ -26,7 +26,7 @@ from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.routing.base import COUNTS, Delivery, Router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
-from cosim.channels.adhoc.stations import Log, Rules, Stations, Wanted
+from cosim.channels.adhoc.stations import Kept, Rules, Stations, Wanted
 from cosim.channels.adhoc.tables import doings, receptions, transmissions
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
@@ -324,11 +324,11 @@ class AdhocChannel(IdealChannel):
         elif report.missed:
             self._row(report, packet, report.destination, "out_of_range")
 
-    def logged(self, log: Log) -> None:
+    def logged(self, kept: Kept) -> None:
         """Write what the stations have kept for tables."""
-        self.intervals.add_many(*doings(log.intervals))
-        self.trace.rows(TRANSMISSIONS, *transmissions(log.transmissions, log.carried, self._forwarding is not None))
-        self.trace.rows(RECEPTIONS, *receptions(log.receptions))
+        self.intervals.add_many(*doings(kept.intervals))
+        self.trace.rows(TRANSMISSIONS, *transmissions(kept.transmissions, kept.carried, self._forwarding is not None))
+        self.trace.rows(RECEPTIONS, *receptions(kept.receptions))
 
     def _row(self, report: Report, packet: Packet | None, receiver: Address, outcome: str) -> None:
         length = 0 if packet is None else len(packet.payload)

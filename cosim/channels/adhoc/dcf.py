@@ -26,7 +26,7 @@ from cosim.channels.adhoc.air import begin, leave_packet, new_frame, tell, tell_
 from cosim.channels.adhoc.log import log_access, log_response, log_unsensed, note_waiting
 from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Form
 from cosim.channels.adhoc.reception import IGNORED, RIGHT, begins, disturb, ends, energy
-from cosim.channels.adhoc.state import DONE, END, FAILURE, NEVER, NONE, RECEIVED, Network, Record
+from cosim.channels.adhoc.state import DONE, END, FAILURE, NEVER, NONE, RECEIVED, Log, Network, Record
 from cosim.jit import njit
 from cosim.kernel import AIR, DELIVER
 from cosim.machine import BROADCAST
@@ -95,14 +95,15 @@ def queue(network: Network, address: int, destination: int, form: Form, asks: bo
 
 
 @njit(cache=True, borrows=True)
-def power(network: Network, address: int, on: bool, now: Time) -> None:
+def power(network: Network, log: Log | None, address: int, on: bool, now: Time) -> None:
     """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
     station = network.stations[address]
     if on:
         station.idle_from = now
         return
-    log_access(network, address, now)
-    log_response(network, address, now)
+    if log is not None:
+        log_access(network, log, address, now)
+        log_response(network, log, address, now)
     station.life += 1
     while station.waiting > 0:
         _take_first(network, station)
@@ -137,7 +138,7 @@ def _take_first(network: Network, station: Record) -> None:
 
 
 @njit(cache=True, borrows=True)
-def _finish(network: Network, address: int, acknowledged: bool, after: Time, now: Time) -> None:
+def _finish(network: Network, log: Log | None, address: int, acknowledged: bool, after: Time, now: Time) -> None:
     common, station = network.common[0], network.stations[address]
     awaited = network.packets[station.first].awaited
     if awaited == END or (awaited == FAILURE and not acknowledged):
@@ -146,16 +147,16 @@ def _finish(network: Network, address: int, acknowledged: bool, after: Time, now
         common.dropped += 1
     _take_first(network, station)
     station.window = common.cw_min
-    _end_exchange(network, address, after, now)
+    _end_exchange(network, log, address, after, now)
 
 
 @njit(cache=True, borrows=True)
-def _fail(network: Network, address: int, now: Time) -> None:
+def _fail(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Try the first of the queue again after a longer back-off, or drop it (9.2.5.3)."""
     common, station = network.common[0], network.stations[address]
     packet = network.packets[station.first]
-    if common.keeps:
-        log_response(network, address, now)
+    if log is not None:
+        log_response(network, log, address, now)
     after = 0 if common.bianchi_counting else common.difs
     if station.awaits == ACK and packet.asks:
         packet.long += 1
@@ -163,25 +164,25 @@ def _fail(network: Network, address: int, now: Time) -> None:
         packet.short += 1
     station.awaits = NONE
     if packet.short >= common.short_retries or packet.long >= common.long_retries:
-        _finish(network, address, False, after, now)
+        _finish(network, log, address, False, after, now)
         return
     station.window = min(2 * station.window + 1, common.cw_max)
-    _end_exchange(network, address, after, now)
+    _end_exchange(network, log, address, after, now)
 
 
 @njit(cache=True, borrows=True)
-def _end_exchange(network: Network, address: int, after: Time, now: Time) -> None:
+def _end_exchange(network: Network, log: Log | None, address: int, after: Time, now: Time) -> None:
     station = network.stations[address]
     station.exchanging = False
     _draw(network.common[0], station, address, now + after)
-    contend(network, address, now)
+    contend(network, log, address, now)
 
 
 # ---------------------------------------------------------------- access to the medium
 
 
 @njit(cache=True, borrows=True)
-def contend(network: Network, address: int, now: Time) -> None:
+def contend(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Schedule the instant at which to send, or at which the back-off ends, if the medium stays idle."""
     common, station = network.common[0], network.stations[address]
     if station.exchanging or station.ends != NEVER or not (station.pending or station.waiting > 0):
@@ -194,29 +195,29 @@ def contend(network: Network, address: int, now: Time) -> None:
         if station.sending == NONE and station.reserved_until <= now and not sensed:
             station.ends = due
             station.ends_event = push(network, due, AIR, MAY_SEND, address)
-            if common.keeps:
-                note_waiting(network, address, now)
+            if log is not None:
+                note_waiting(network, log, address, now)
             return
         _draw(common, station, address, now)
     if station.sending != NONE:
         return
     if busy:
-        if common.keeps:
-            log_unsensed(network, address, now)
+        if log is not None:
+            log_unsensed(network, log, address, now)
     else:
         station.counted_from = max(idle_for_good, station.not_before)
         station.ends = station.counted_from + station.slots * common.slot
         station.ends_event = push(network, station.ends, AIR, MAY_SEND, address)
-        if common.keeps:
-            note_waiting(network, address, now)
+        if log is not None:
+            note_waiting(network, log, address, now)
 
 
 @njit(cache=True, borrows=True)
-def may_send(network: Network, address: int, now: Time) -> None:
+def may_send(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Send what the station has waited to send, if anything."""
     common, station = network.common[0], network.stations[address]
-    if common.keeps:
-        log_access(network, address, now)
+    if log is not None:
+        log_access(network, log, address, now)
     station.ends, station.ends_event = NEVER, NONE
     station.pending = False
     if station.waiting == 0:
@@ -225,20 +226,20 @@ def may_send(network: Network, address: int, now: Time) -> None:
     packet = network.packets[station.first]
     if packet.asks:
         rest = 3 * common.sifs + common.cts.duration + packet.form.duration + common.ack.duration
-        _transmit(network, address, RTS, packet.destination, common.rts, rest, packet.number, NONE, now)
+        _transmit(network, log, address, RTS, packet.destination, common.rts, rest, packet.number, NONE, now)
     else:
-        send_data(network, address, now)
+        send_data(network, log, address, now)
 
 
 @njit(cache=True, borrows=True)
-def _defer(network: Network, address: int, sensed_at: Time, now: Time) -> None:
+def _defer(network: Network, log: Log | None, address: int, sensed_at: Time, now: Time) -> None:
     """Stop counting while the medium is busy, known from *sensed_at* on; a station that is due before sends."""
     common, station = network.common[0], network.stations[address]
     if station.ends == NEVER or station.ends < sensed_at:
         return
-    if common.keeps:
+    if log is not None:
         answers_at = station.act if station.act >= now else NEVER
-        log_access(network, address, min(sensed_at, answers_at))
+        log_access(network, log, address, min(sensed_at, answers_at))
     station.ends, station.ends_event = NEVER, NONE
     if station.pending:
         _interrupt(common, station, sensed_at)
@@ -250,26 +251,27 @@ def _defer(network: Network, address: int, sensed_at: Time, now: Time) -> None:
 
 
 @njit(cache=True, borrows=True)
-def send_data(network: Network, address: int, now: Time) -> None:
+def send_data(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Send the first of the queue."""
     common, number = network.common[0], network.stations[address].first
     packet = network.packets[number]
     rest = 0 if packet.destination == BROADCAST else common.sifs + common.ack.duration
-    _transmit(network, address, DATA, packet.destination, packet.form, rest, packet.number, number, now)
+    _transmit(network, log, address, DATA, packet.destination, packet.form, rest, packet.number, number, now)
 
 
 @njit(cache=True, borrows=True)
-def answer(network: Network, address: int, now: Time) -> None:
+def answer(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Send the answer that is owed, an ACK or a CTS."""
     common, station = network.common[0], network.stations[address]
     form = common.ack if station.answer_kind == ACK else common.cts
     to, reserves, number = station.answer_to, station.answer_reserves, station.answer_number
-    _transmit(network, address, station.answer_kind, to, form, reserves, number, NONE, now)
+    _transmit(network, log, address, station.answer_kind, to, form, reserves, number, NONE, now)
 
 
 @njit(cache=True, borrows=True)
 def _transmit(
     network: Network,
+    log: Log | None,
     address: int,
     kind: int,
     destination: int,
@@ -282,7 +284,7 @@ def _transmit(
     station = network.stations[address]
     if station.sending != NONE:
         return
-    _defer(network, address, now, now)
+    _defer(network, log, address, now, now)
     station.followed = NONE
     sending = new_frame(network)
     frame = network.frames[sending]
@@ -295,7 +297,7 @@ def _transmit(
 
 
 @njit(cache=True, borrows=True)
-def sent(network: Network, address: int, now: Time) -> None:
+def sent(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Go on after the end of what the station has sent: wait for an answer, or for the next turn."""
     common, station = network.common[0], network.stations[address]
     frame = network.frames[station.sending]
@@ -306,32 +308,32 @@ def sent(network: Network, address: int, now: Time) -> None:
         station.awaits, station.awaits_from = CTS if frame.kind == RTS else ACK, now
         station.timeout_event = push(network, now + common.timeout, AIR, GIVE_UP, address)
     elif frame.kind == DATA:
-        _finish(network, address, True, 0, now)
+        _finish(network, log, address, True, 0, now)
     else:
-        contend(network, address, now)
+        contend(network, log, address, now)
 
 
 @njit(cache=True, borrows=True)
-def give_up(network: Network, address: int, now: Time) -> None:
+def give_up(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Fail as no response has come, unless a frame is being received, which may be one."""
     station = network.stations[address]
     station.timeout_event = NONE
     if station.followed == NONE:
-        _fail(network, address, now)
+        _fail(network, log, address, now)
 
 
 # ---------------------------------------------------------------- receiving
 
 
 @njit(cache=True, borrows=True)
-def energy_begins(network: Network, address: int, number: int, mw: float, now: Time) -> None:
+def energy_begins(network: Network, log: Log | None, address: int, number: int, mw: float, now: Time) -> None:
     """Note that a frame begins to arrive with *mw*."""
     if begins(network, address, number, mw, now) and network.stations[address].sending == NONE:
-        _defer(network, address, now + network.common[0].cca, now)
+        _defer(network, log, address, now + network.common[0].cca, now)
 
 
 @njit(cache=True, borrows=True)
-def energy_ends(network: Network, address: int, number: int, now: Time) -> bool:
+def energy_ends(network: Network, log: Log | None, address: int, number: int, now: Time) -> bool:
     """Note that a frame has arrived to its end; return whether it was received."""
     station = network.stations[address]
     was_busy, mw = energy(network, address), network.powers_mw[number, address]
@@ -341,29 +343,29 @@ def energy_ends(network: Network, address: int, number: int, now: Time) -> bool:
         station.idle_from = now
     if received != IGNORED:
         station.erred = received != RIGHT
-        answered = received == RIGHT and _take(network, address, number, mw, now)
+        answered = received == RIGHT and _take(network, log, address, number, mw, now)
         if station.awaits != NONE and station.timeout_event == NONE and not answered:
-            _fail(network, address, now)
+            _fail(network, log, address, now)
     if idle:
-        contend(network, address, now)
+        contend(network, log, address, now)
     return received == RIGHT
 
 
 @njit(cache=True, borrows=True)
-def jam(network: Network, address: int, mw: float, at: Time, now: Time) -> None:
+def jam(network: Network, log: Log | None, address: int, mw: float, at: Time, now: Time) -> None:
     """Receive *mw* of jammers from *at* on, which is in the past only for a station at rest."""
     common, station = network.common[0], network.stations[address]
     if not disturb(network, address, mw, at) or station.sending != NONE:
         return
     if energy(network, address):
-        _defer(network, address, at + common.cca, now)
+        _defer(network, log, address, at + common.cca, now)
     else:
         station.idle_from = max(station.idle_from, at)
-        contend(network, address, now)
+        contend(network, log, address, now)
 
 
 @njit(cache=True, borrows=True)
-def _take(network: Network, address: int, number: int, mw: float, now: Time) -> bool:
+def _take(network: Network, log: Log | None, address: int, number: int, mw: float, now: Time) -> bool:
     """Act on a frame that has been received; return whether it is the response that was awaited."""
     common, station, frame = network.common[0], network.stations[address], network.frames[number]
     if frame.destination == BROADCAST:
@@ -378,7 +380,7 @@ def _take(network: Network, address: int, number: int, mw: float, now: Time) -> 
             rest = frame.reserves - common.sifs - common.cts.duration
             _respond(network, address, CTS, frame, rest, now)
     elif frame.kind == station.awaits and network.packets[station.first].destination == frame.source:
-        _go_on(network, address, now)
+        _go_on(network, log, address, now)
         return True
     return False
 
@@ -393,15 +395,15 @@ def _respond(network: Network, address: int, kind: int, frame: Record, reserves:
 
 
 @njit(cache=True, borrows=True)
-def _go_on(network: Network, address: int, now: Time) -> None:
+def _go_on(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Go on with the exchange: the awaited response has come."""
     common, station = network.common[0], network.stations[address]
     response = station.awaits
-    if common.keeps:
-        log_response(network, address, now)
+    if log is not None:
+        log_response(network, log, address, now)
     station.timeout_event, station.awaits = NONE, NONE
     if response == ACK:
-        _finish(network, address, True, 0, now)
+        _finish(network, log, address, True, 0, now)
     else:
         network.packets[station.first].short = 0
         station.act = now + common.sifs

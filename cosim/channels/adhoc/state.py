@@ -48,8 +48,7 @@ COMMON: Final = np.dtype(
         ("events", np.int64),  # number of events on the agenda
         ("orders", np.int64),  # number of events that have ever been put there
         ("told", np.int64),  # number of reports that wait
-        ("keeps", np.bool_),  # something is kept for tables: looked at before calls of kernels, which cost more
-        ("intervals", np.int64),  # number of rows of these that are kept for tables
+        ("intervals", np.int64),  # number of rows in each array of the ``Log``
         ("transmissions", np.int64),
         ("receptions", np.int64),
         ("urgent", np.bool_),  # one of them is for a host
@@ -267,8 +266,12 @@ class Network(NamedTuple):
     told: Records
     cck: Floats
     """Table of bit errors, if a rate needs it."""
+
+
+class Log(NamedTuple):
+    """What is kept for tables; an array without room is not wanted."""
+
     intervals: Records
-    """What is kept for tables of intervals, of transmissions, and of receptions; without room nothing is."""
     transmissions: Records
     receptions: Records
 
@@ -312,9 +315,6 @@ def new_network(
         agenda=new_records(16 * size + 16, EVENT),
         told=new_records(16 * size + 16, REPORT),
         cck=cck,
-        intervals=new_records(0, INTERVAL),
-        transmissions=new_records(0, TRANSMISSION),
-        receptions=new_records(0, RECEPTION),
     )
     return with_packets(with_frames(network, 16), 64)
 

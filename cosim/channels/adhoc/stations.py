@@ -32,6 +32,7 @@ from cosim.channels.adhoc.state import (
     RECEPTION,
     REPORT,
     TRANSMISSION,
+    Log,
     Network,
     Records,
     Report,
@@ -49,8 +50,6 @@ from cosim.units import Time
 
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
-_KEPT: Final = ("intervals", "transmissions", "receptions")
-"""What is kept for tables: arrays of the network, and their lengths in its common record."""
 LOG_ROWS: Final = 4096
 """Number of intervals, and of receptions, that are kept for tables before they are handed over."""
 
@@ -98,7 +97,7 @@ class Wanted(NamedTuple):
 NOTHING_WANTED: Final = Wanted()
 
 
-class Log(NamedTuple):
+class Kept(NamedTuple):
     """What has been kept for tables."""
 
     intervals: Records
@@ -126,7 +125,7 @@ class Host(Protocol):
     def noted(self, report: Report, packet: Packet | None) -> None:
         """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER)."""
 
-    def logged(self, log: Log) -> None:
+    def logged(self, kept: Kept) -> None:
         """Write what has been kept, in arrays that are the stations' own."""
 
 
@@ -143,15 +142,9 @@ class Stations:
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
         self._common["noted"] = wanted.frames
-        self._logs = self._common["keeps"] = wanted.intervals or wanted.transmissions or wanted.receptions
+        self._log = _new_log(wanted, LOG_ROWS + EACH * size + MORE)
         self._carried: list[bytes] = []
         """What the transmissions that are kept have carried, as far as it was looked for."""
-        room = LOG_ROWS + EACH * size + MORE
-        network = network._replace(
-            intervals=new_records(room if wanted.intervals else 0, INTERVAL),
-            transmissions=new_records(room if wanted.transmissions else 0, TRANSMISSION),
-            receptions=new_records(room if wanted.receptions else 0, RECEPTION),
-        )
         names = "events", "told", "urgent", "frames_under_way", "first_there", "rowless"
         self._events, self._told, self._urgent, self._under_way, self._first_there, self._rowless = (
             _field(network.common, name) for name in names
@@ -180,12 +173,9 @@ class Stations:
     def _use(self, network: Network) -> None:
         """Take *network*, whose arrays are new."""
         self._network = network
-        self._advancing, self._queueing = _advancing(network, self._until), _queueing(network, self._forms, self._offer)
+        self._advancing = _advancing(network, self._log, self._until)
+        self._queueing = _queueing(network, self._forms, self._offer)
         self._times, self._ranks = _field(network.agenda, "time"), _field(network.agenda, "rank")
-        self._transmissions_kept, self._packets_kept = (
-            _field(network.common, "transmissions"),
-            _field(network.transmissions, "packet"),
-        )
         self._reports = network.told.view(np.uint8).data
 
     # ------------------------------------------------------------ what goes in
@@ -205,8 +195,8 @@ class Stations:
         if number == NONE:
             self._make_room()
             number = next(self._queueing)
-        if self._logs:
-            self._note_carried()
+        if self._log is not None:
+            self._note_carried(self._log)
         self._packets[number] = packet
         self._arm()
 
@@ -221,14 +211,14 @@ class Stations:
     def power(self, address: Address, on: bool) -> None:
         """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
         self._make_log_room()
-        power(self._network, address, on, self._kernel.now)
+        power(self._network, self._log, address, on, self._kernel.now)
         if not on:
             self._heard[address].clear()
 
     def jammed(self, powers_mw: Sequence[float], at: Time) -> None:
         """Have the stations receive *powers_mw* of jammers from *at* on, which may be in the past for those at rest."""
         self._make_room()
-        jam_all(self._network, np.array(powers_mw, dtype=np.float64), at, self._kernel.now)
+        jam_all(self._network, self._log, np.array(powers_mw, dtype=np.float64), at, self._kernel.now)
         self._arm()
 
     def moved(self) -> None:
@@ -268,17 +258,14 @@ class Stations:
 
     def flush(self) -> None:
         """Hand to the host what has been kept, but for what goes on beyond now."""
-        if not self._logs:
+        if self._log is None:
             return
+        self._note_carried(self._log)
         now = max(int(self._common["now"]), self._kernel.now)
-        intervals, transmissions, receptions = (self._kept(name) for name in _KEPT)
+        intervals, transmissions, receptions = self._kept(self._log)
         late = intervals["end"] > now  # energy is sensed some time after it has begun
-        self._note_carried()
-        self._host.logged(Log(intervals[~late], transmissions, receptions, self._carried))
-        self._keep("intervals", intervals[late])
-        self._keep("transmissions", transmissions[:0])
-        self._keep("receptions", receptions[:0])
-        self._carried = []
+        self._host.logged(Kept(intervals[~late], transmissions, receptions, self._carried))
+        self._keep(self._log, intervals[late])
 
     def under_way(self, now: Time) -> Records:
         """Return what the stations are doing *now*, as intervals that end now; hand over what they have done before."""
@@ -289,43 +276,46 @@ class Stations:
     def close(self, now: Time) -> None:
         """Hand over all that has been kept: the run is over."""
         intervals = self._not_over(now)
-        self._keep("intervals", intervals[:0])
-        self._host.logged(Log(intervals, self._kept("transmissions")[:0], self._kept("receptions"), ()))
-
-    def _note_carried(self) -> None:
-        """Note what transmissions have carried, before a packet that is done with leaves its number to another."""
-        kept = self._packets_kept
-        for at in range(len(self._carried), self._transmissions_kept[0]):
-            number = kept[at]
-            self._carried.append(b"" if number == NONE else self._packets[number].payload)
+        if self._log is not None:
+            self._keep(self._log, intervals[:0])
+            self._host.logged(Kept(intervals, *self._kept(self._log)[1:], ()))
 
     def _not_over(self, now: Time) -> Records:
         """Hand over what has been kept, and return what has not been, as far as it has come *now*.
 
-        If a station counts its back-off, the space before that is handed over with it.
+        If a station counts its back-off, the space before that is returned with it.
         """
+        if self._log is None:
+            return new_records(0, INTERVAL)
         self.flush()
-        late = self._kept("intervals").copy()
-        if self._logs:
-            log_under_way(self._network, now)
-        intervals = self._kept("intervals").copy()
-        self._keep("intervals", late)
+        late = self._kept(self._log).intervals.copy()
+        log_under_way(self._network, self._log, now)
+        intervals = self._kept(self._log).intervals.copy()
+        self._keep(self._log, late)
         intervals["end"] = np.minimum(intervals["end"], now)
         return intervals[intervals["begin"] < now]
 
-    def _kept(self, name: str) -> Records:
-        """Return the rows that are kept in the array *name* of the network."""
-        rows: Records = getattr(self._network, name)[: int(self._common[name])]
-        return rows
+    def _kept(self, log: Log) -> Log:
+        """Return the rows of *log* that are in use."""
+        counts = (int(self._common[name]) for name in Log._fields)
+        return Log(*(rows[:count] for rows, count in zip(log, counts, strict=True)))
 
-    def _keep(self, name: str, rows: Records) -> None:
-        """Keep *rows*, and no others."""
-        getattr(self._network, name)[: len(rows)] = rows
-        self._common[name] = len(rows)
+    def _keep(self, log: Log, intervals: Records) -> None:
+        """Keep *intervals*, and nothing else."""
+        log.intervals[: len(intervals)] = intervals
+        self._common["intervals"], self._common["transmissions"], self._common["receptions"] = len(intervals), 0, 0
+        self._carried = []
+
+    def _note_carried(self, log: Log) -> None:
+        """Note what transmissions have carried, before a packet that is done with leaves its number to another."""
+        first, end = len(self._carried), int(self._common["transmissions"])
+        if end > first:
+            for number in log.transmissions["packet"][first:end].tolist():
+                self._carried.append(b"" if number == NONE else self._packets[number].payload)
 
     def _make_log_room(self) -> None:
         """Hand over what has been kept if that leaves no room for what the next event may bring."""
-        if self._logs and not has_log_room(self._network):
+        if self._log is not None and not has_log_room(self._network, self._log):
             self.flush()
 
     # ------------------------------------------------------------ how time goes on
@@ -466,6 +456,14 @@ class Stations:
         return not known
 
 
+def _new_log(wanted: Wanted, room: int) -> Log | None:
+    """Return a log with *room* for rows of what is *wanted*; None if nothing is."""
+    fields = (wanted.intervals, INTERVAL), (wanted.transmissions, TRANSMISSION), (wanted.receptions, RECEPTION)
+    if not any(each for each, _ in fields):
+        return None
+    return Log(*(new_records(room if each else 0, of_row) for each, of_row in fields))
+
+
 def _rates(timing: Timing) -> set[int]:
     """Return the rates of all frames."""
     forms = (timing.ack, timing.rts, timing.cts, timing.unicast(0), timing.broadcast(0))
@@ -479,17 +477,17 @@ def _field(records: Records, name: str) -> memoryview:
 
 # ---------------------------------------------------------------- kernels
 #
-# A network is twelve arrays, and each call of a kernel takes them over from Python anew: that costs more than most
+# A network is nine arrays, and each call of a kernel takes them over from Python anew: that costs more than most
 # events do. These two take them once, and then do their work whenever they are asked for the next result. They borrow
 # what ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as
 # held.
 
 
 @njit(cache=True, borrows=True)
-def _advancing(network: Network, until: Int64s) -> Iterator[tuple[int, Time, int]]:
+def _advancing(network: Network, log: Log | None, until: Int64s) -> Iterator[tuple[int, Time, int]]:
     """Yield what ``advance`` returns when it goes up to the instant and phase that *until*, (2,), holds."""
     while True:
-        yield advance(network, until[0], until[1])
+        yield advance(network, log, until[0], until[1])
 
 
 @njit(cache=True, borrows=True)

@@ -12,7 +12,7 @@ from cosim.channels.adhoc import tables
 from cosim.channels.adhoc.carrier import carrier
 from cosim.channels.adhoc.mac import KINDS, Access, Form, Packet, Timing
 from cosim.channels.adhoc.state import NONE, OVER, Records, Report
-from cosim.channels.adhoc.stations import Log, Rules, Stations, Wanted
+from cosim.channels.adhoc.stations import Kept, Rules, Stations, Wanted
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -223,7 +223,7 @@ class Network:
         elif report.right:
             self.told.received.add((report.begin, report.source, report.station))
 
-    def logged(self, log: Log) -> None:
+    def logged(self, log: Kept) -> None:
         starts, stations, ends, *rest = tables.doings(log.intervals)
         self.told.doings.extend(zip(starts.tolist(), stations.tolist(), ends.tolist(), *rest, strict=True))
         self._sent.extend(zip(*tables.transmissions(log.transmissions, log.carried, False), strict=True))

@@ -8,7 +8,7 @@ from cosim.channels.adhoc.dcf import queue
 from cosim.channels.adhoc.log import EACH as SPACES
 from cosim.channels.adhoc.log import MORE as MORE_SPACES
 from cosim.channels.adhoc.mac import Access, Form, Timing
-from cosim.channels.adhoc.state import INTERVAL, NONE, RECEPTION, TRANSMISSION, Network, new_network, new_records
+from cosim.channels.adhoc.state import INTERVAL, NONE, RECEPTION, TRANSMISSION, Log, Network, new_network, new_records
 from cosim.machine import BROADCAST
 from cosim.units import US
 
@@ -43,9 +43,9 @@ def waiting() -> Network:
     return network
 
 
-def ended(network: Network) -> int:
+def ended(network: Network, log: Log | None = None) -> int:
     """Return why the kernel ends in the instant of the station's event."""
-    return advance(network, US, 0)[0]
+    return advance(network, log, US, 0)[0]
 
 
 @pytest.mark.parametrize("under_way", [0, LATER])
@@ -80,8 +80,10 @@ def test_of_what_is_kept_for_tables(kept: int) -> None:
         "transmissions": (TRANSMISSION, kept + 1),
         "receptions": (RECEPTION, kept + SIZE + 1),
     }
+    nothing = Log(*(new_records(0, fields) for fields, _ in enough.values()))
     for name, (fields, rows) in enough.items():
         for room, why in ((rows - 1, FULL), (rows, IDLE)):
             network = waiting()
-            network.common["keeps"], network.common[name] = True, kept
-            assert ended(network._replace(**{name: new_records(room, fields)})) == (why if room else IDLE), name
+            network.common[name] = kept
+            log = nothing._replace(**{name: new_records(room, fields)})
+            assert ended(network, log) == (why if room else IDLE), name
