@@ -166,10 +166,10 @@ def cells_of(entries: Entries, shift: int, first: int, count: int) -> Cells:
     times = np.bincount(keys, entries.times, len(used) * count).reshape(shape)
     begun = np.bincount(keys, entries.counts, len(used) * count).reshape(shape)
     there: Array = (times > 0) | (begun > 0)
-    lost: Array = np.zeros(count, dtype=bool)
+    lost = np.zeros(count, dtype=bool)
     if entries.lost.any():
         bad: Array = np.bincount(keys, entries.lost, len(used) * count).reshape(shape) > 0
-        lost = bad.any(axis=0)
+        np.any(bad, axis=0, out=lost)
         there &= bad | ~lost
     codes = np.full(count, NO_KIND, dtype=np.uint16)
     longest, most = np.full(count, -1.0), np.full(count, -1.0)
