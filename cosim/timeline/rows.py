@@ -153,7 +153,8 @@ class Maker:
         return made
 
     def _transmissions(self, columns: Mapping[str, Any], first: int) -> list[Made]:
-        outcomes = np.where(columns["whole"], 0, self.codes.outcome(CUT)).astype(np.uint8)
+        cut = ~columns["whole"]
+        outcomes = np.where(cut, self.codes.outcome(CUT) if cut.any() else 0, 0).astype(np.uint8)
         radios, sources = _radios(columns), columns["source"]
         self.sending.update(np.unique(radios).tolist())
         boxes = self._frame_boxes(columns, outcomes, first)

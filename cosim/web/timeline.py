@@ -189,6 +189,7 @@ class Kept:
     """The timeline of a recorded run."""
 
     def __init__(self, index: Index, folder: Path, decode: Decode | None = None) -> None:
+        self.index = index
         self._answers = Answers(index.lanes, index.codes, Files(folder), decode)
         self._message = lanes_message(index.lanes, index.codes, *span_of(index.lanes))
         self._lock = Lock()
