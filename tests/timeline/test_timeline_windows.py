@@ -42,7 +42,8 @@ class Page:
 
     def everything(self) -> dict[int, list[Box]]:
         """Return all boxes of each lane; lanes are asked for one by one, for all at once are too many boxes."""
-        return {lane: self.window(-1, 100 * LAST, lanes=[lane]).boxes[lane] for lane in self.lanes}
+        end = max(self.last, 100 * LAST) + 1
+        return {lane: self.window(-1, end, lanes=[lane]).boxes[lane] for lane in self.lanes}
 
     def find(self, start: int, **more: Any) -> Any:
         return self.session.timeline.answer(AskNext(say="find", from_ns=str(start), **more))
