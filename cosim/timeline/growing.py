@@ -222,7 +222,8 @@ class Growing:
     def _show(self, under_way: Sequence[Interval]) -> None:
         """Have the lanes show the intervals *under_way*."""
         for lane in self.lanes:
-            lane.under_way = no_boxes()
+            if len(lane.under_way.starts):
+                lane.under_way = no_boxes()
         self._open = sorted(under_way)
         for at, each in enumerate(self._open):
             key = each.robot, each.radio
