@@ -132,9 +132,9 @@ def _write(folder: Path, table: Schema, columns: dict[str, Any]) -> None:
 
 
 def private_mb() -> float:
-    """Return the private memory of this process, MB: pages that only it has, and that no file backs."""
+    """Return the private memory of this process, MB: pages that no file backs."""
     text = Path("/proc/self/smaps_rollup").read_text(encoding="utf-8")
-    return sum(int(line.split()[1]) for line in text.splitlines() if line.startswith("Private_Dirty:")) / 1024
+    return sum(int(line.split()[1]) for line in text.splitlines() if line.startswith("Anonymous:")) / 1024
 
 
 def question(number: int, lanes: Sequence[int], start: int, length: int) -> AskWindow:

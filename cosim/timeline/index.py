@@ -5,10 +5,12 @@ The folder holds the columns of all lanes one after the other, and of all their 
 not fit these is made anew. The folder is written whole and renamed; if that cannot be done, lanes are kept in memory.
 """
 
+import ctypes
 import json
 import os
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,7 +33,7 @@ _HEADER_BYTES: Final = 128
 FORMAT: Final = 1
 """Changes whenever what is written would be misread."""
 Told = Callable[[int, int], None]
-"""(rows that are read, all rows): what shows progress."""
+"""(what is done, all there is to do): what shows progress."""
 
 
 class Index:
@@ -62,7 +64,15 @@ def opened(
     except OSError as error:
         say(f"{place}: cannot be written ({error.strerror or error}): the next opening takes as long")
         return index
+    del index
+    _give_back()
     return read(place, stamp)
+
+
+def _give_back() -> None:
+    """Have the C library give free memory back to the system, where it does: it keeps hundreds of megabytes."""
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 class _UnfitError(Exception):
@@ -80,7 +90,8 @@ def stamp_of(folder: Path) -> dict[str, list[int]]:
 def made(folder: Path, told: Told = lambda done, total: None) -> Index:
     """Return the lanes of the tables in *folder*, in memory."""
     files = {table: TableFile(folder / f"{table}.parquet") for table in stamp_of(folder)}
-    total, done = sum(map(len, files.values())), 0
+    rows = sum(map(len, files.values()))
+    total, done = 2 * rows, 0  # to read them, and to sum up their boxes
     gathering = Gathering()
     for table in SOURCES:
         if table in files:
@@ -92,8 +103,11 @@ def made(folder: Path, told: Told = lambda done, total: None) -> Index:
                 told(done, total)
     lanes = gathering.lanes()
     lost = lost_codes(gathering.codes)
+    boxes, summed = max(1, sum(len(lane.boxes.starts) for lane in lanes)), 0
     for lane in lanes:
         lane.levels = levels_of(lane.boxes, lost)
+        summed += len(lane.boxes.starts)
+        told(rows + rows * summed // boxes, total)
     return Index(lanes, gathering.codes)
 
 
