@@ -145,6 +145,29 @@ def test_a_frame_at_a_receiver_is_told_with_its_transmission(page: Page):
         assert told["bytes"] == "c0ffee"
 
 
+def test_frames_of_one_instant_are_told_apart(tmp_path: Path):
+    rows = made_rows(1, 0, LAST)
+    sent = [(0, "DM1", 1), (0, "DM1", 2), (0, "POLL", 3), (3, "DM1", 1)]
+    for number, (source, kind, to) in enumerate(sent):
+        about = 0, 0, False, False, True, f"0{number}", 7, 1, 1, 3
+        rows["transmissions"].append((50, source, kind, to, *about))
+        rows["frames"].append((50, source, to, 7, kind, 1, 1, 3, "received", ""))
+        if kind == "DM1":
+            rows["receptions"].append((50, source, to, -60.0, float(number), "received", ""))
+    page = Page(Recorded(written(tmp_path, made_trace(rows))))
+    seen = 0
+    for lane, boxes in page.everything().items():
+        for box in boxes if page.lanes[lane]["what"] in ("sent", "received") else ():
+            told = page.box(lane, box.row)
+            source, kind, to = sent[box.row]
+            assert told["bytes"] == f"0{box.row}"
+            if kind == "DM1":
+                assert [each["sinr_db"] for each in told["receptions"]] == [box.row]
+            assert (told["transmission"]["source"], told["transmission"]["destination"]) == (source, to)
+            seen += 1
+    assert seen == 2 * len(sent)
+
+
 def test_a_state_and_a_message_tell_their_fields(page: Page):
     for what, told in (("states", {"state", "detail"}), ("messages", {"payload", "sender"}), ("events", {"event"})):
         number = next(number for number, lane in page.lanes.items() if lane["what"] == what)
