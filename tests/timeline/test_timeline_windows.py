@@ -194,6 +194,20 @@ def test_a_sender_sees_which_of_its_frames_a_receiver_has_lost(folder: Path):
     assert min(seen.values()) > 50
 
 
+def test_a_loss_is_shown_at_its_sender_only_though_another_sends_the_same_on_that_channel(tmp_path: Path):
+    rows = made_rows(1, 0, LAST)
+    for source, outcome in ((0, "received"), (1, "collided"), (2, "received")):
+        rows["transmissions"].append((50, source, "DM1", 3, 0, 0, False, False, True, "", 7, 5, 1, 3))
+        rows["frames"].append((50, source, 3, 7, "DM1", 5, 1, 3, outcome, ""))
+    page = Page(Recorded(written(tmp_path, made_trace(rows))))
+    shown = Counter()
+    for number, boxes in page.everything().items():
+        lane = page.lanes[number]
+        for box in boxes if lane["what"] in ("sent", "channel") else ():
+            shown[lane["what"], box.peer if lane["what"] == "channel" else lane["robot"], page.lost[box.outcome]] += 1
+    assert shown == Counter((what, robot, robot == 1) for what in ("sent", "channel") for robot in range(3))
+
+
 def test_at_any_instant_all_that_is_in_the_air_or_open_is_known(folder: Path):
     page = Page(Recorded(folder))
     tables = {"frames": "duration_ns", "transmissions": "duration_ns", "intervals": "end_ns"}
