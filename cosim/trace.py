@@ -1,8 +1,9 @@
 """Records of a run: typed columns in memory, one schema for each table, Parquet on disk, and a digest of the content.
 
 Here stand cosim's own tables; a protocol's event types are dataclasses beside its code and share the table ``events``.
-A row costs one append per column; of what is written for every frame, one append: see ``put``. The digest sorts by (time, table, source, sequence), where the sequence numbers the
-rows of one source in one table: the order in which different sources were written has no meaning.
+A row costs one append per column; of what is written of every frame (``put``), one append in all. The digest sorts by
+(time, table, source, sequence), where the sequence numbers the rows of one source in one table: the order in which
+different sources were written has no meaning.
 
 pyarrow is imported by who reads or writes a file: a run that keeps no tables does without.
 """

@@ -39,7 +39,6 @@ from cosim.kernel import AIR, Handle
 from cosim.machine import BROADCAST, Address, Outcome, Reception
 from cosim.units import Time
 
-
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; half as long as to replace one of its fields
 
 
