@@ -35,7 +35,7 @@ from cosim.node import Node
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, build
 from cosim.simulation import Simulation
-from cosim.trace import FRAMES, POSES, Trace
+from cosim.trace import FRAMES, INTERVALS, POSES, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import MS, S, Time
 from tests.faults.fault_scene import rows, scenario
 
@@ -65,7 +65,7 @@ class Field:
 
     def __init__(self, carried: Sequence[Sequence[int]], settings: Iterable[dict[str, Any]] = (SHORT, LONG)) -> None:
         self.kernel = Kernel()
-        self.trace = Trace(with_radio((FRAMES,)))
+        self.trace = Trace(with_radio((FRAMES, INTERVALS, TRANSMISSIONS, RECEPTIONS)))
         self.parts = [self._part(each, radio, len(carried)) for radio, each in enumerate(settings)]
         self.channel = RadiosChannel(self.kernel, self.trace, self.parts, carried)
         self.hosts = [Host() for _ in carried]
@@ -101,6 +101,22 @@ def test_each_radio_reaches_those_who_have_it_and_are_in_its_range() -> None:
         0: {(192 + 8 * 40) * 1000},
         1: {(192 + 8 * 39) * 1000},
     }
+
+
+def test_what_a_bluetooth_radio_does_stands_under_its_number() -> None:
+    bluetooth = {"kind": "bluetooth"}
+    field = Field((BOTH, BOTH, FIRST), [SHORT, bluetooth])
+    part = field.channel.parts[1]
+    field.kernel.at(0, lambda: part.command(0, Inquire(10 * S, 1)), WORLD)
+    field.kernel.run(11 * S)
+    looked = field.channel.under_way(field.kernel.now)
+    assert {(row.robot, row.state) for row in looked if row.radio == 1} == {(2, "off")}
+    field.channel.close(field.kernel.now)
+    rows = [row for row in zip(*field.trace.columns("intervals").values(), strict=True) if row[3] == 1]
+    assert {row[4] for row in rows if row[1] == 0} >= {"inquiry", "inquiry_scan", "page_scan"}
+    assert [row[:5] for row in rows if row[1] == 2] == [(0, 2, 11 * S, 1, "off")]
+    for name in ("transmissions", "receptions"):
+        assert set(field.trace.columns(name)["radio"]) == {1}
 
 
 def test_a_payload_to_one_robot_goes_by_the_radio_that_is_named_and_so_does_its_acknowledgement() -> None:
