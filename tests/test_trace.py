@@ -22,6 +22,7 @@ from cosim.trace import (
     FRAMES,
     MESSAGES,
     POSES,
+    PUT_ROWS,
     RECEPTIONS,
     TABLES,
     Field,
@@ -162,6 +163,29 @@ def test_a_row_of_the_wrong_length_is_refused():
 def test_columns_are_typed(row: tuple[Any, Any, Any]):
     with pytest.raises(TypeError):
         poses(row)
+
+
+@pytest.mark.parametrize("count", [1, PUT_ROWS - 1, PUT_ROWS, 2 * PUT_ROWS + 1])
+def test_rows_that_are_put_are_rows(count: int):
+    put, written = Trace([POSES]), Trace([POSES])
+    for number in range(count):
+        put.put(POSES, number, 0, 1.0, 2.0, 0.5)
+        written.row(POSES, number, 0, 1.0, 2.0, 0.5)
+    for trace in (put, written):
+        trace.row(POSES, 0, 1, 3.0, 4.0, 0.0)  # behind what has been put before
+    assert put.count("poses") == count + 1
+    assert put.columns("poses") == written.columns("poses")
+    assert put.digest() == written.digest()
+
+
+def test_rows_can_only_be_put_into_a_table_that_is_kept_and_as_wide():
+    trace = Trace([POSES])
+    trace.put(FRAMES, 0)
+    with pytest.raises(ValueError, match="a row of poses has 2 values, expected 5"):
+        trace.put(POSES, 0, 0)
+    trace.put(POSES, 0, 0, 1.0, 2.0, "east")
+    with pytest.raises(TypeError):
+        trace.columns("poses")
 
 
 def test_numbers_of_any_make_are_kept_as_the_columns_type():

@@ -98,11 +98,18 @@ class RadioTrace(Trace):
 
     def row(self, table: Table, *values: Any) -> None:
         """Append a row."""
+        self._whole.row(table, *self._with_radio(table, values))
+
+    def put(self, table: Table, *values: Any) -> None:
+        """Append a row whose values are looked at later."""
+        self._whole.put(table, *self._with_radio(table, values))
+
+    def _with_radio(self, table: Table, values: tuple[Any, ...]) -> tuple[Any, ...]:
         if table.name in OF_RADIOS:
-            values = (*values, self._radio)
-        elif table.name == INTERVALS.name:
-            values = (*values[:_RADIO_AT], self._radio, *values[_RADIO_AT + 1 :])
-        self._whole.row(table, *values)
+            return (*values, self._radio)
+        if table.name == INTERVALS.name:
+            return (*values[:_RADIO_AT], self._radio, *values[_RADIO_AT + 1 :])
+        return values
 
     def rows(self, table: Table, *columns: Any) -> None:
         """Append rows by column."""

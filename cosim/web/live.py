@@ -81,6 +81,10 @@ class Tap(Trace):
                 self._ticks.append((time, []))
             self._ticks[-1][1].extend(pose)
 
+    def put(self, table: Table, *values: Any) -> None:
+        """Add a row."""
+        self.row(table, *values)
+
     def rows(self, table: Table, *columns: Any) -> None:
         """Add rows by column, in the order of the table's fields."""
         plain = (column.tolist() if hasattr(column, "tolist") else column for column in columns)

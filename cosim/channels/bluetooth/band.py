@@ -17,6 +17,7 @@ from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
 from cosim.channels.bluetooth.medium import (
     BIT_ERRORS,
     DETECTABLE_DB,
+    MET,
     NOT_TUNED,
     OUT_OF_RANGE,
     RECEIVED,
@@ -212,7 +213,8 @@ def _end(
         fate = BIT_ERRORS + lost if lost else RECEIVED
     else:
         channel, end = _channel(band, adapted, p, tick), start + HEADER_AIR
-        fate = judge(medium, noise, jammers, source, receiver, channel, start, end, carrier, 0, False, ACCESS_CODE)
+        found = judge(medium, noise, jammers, source, receiver, channel, start, end, carrier, 0, False, ACCESS_CODE)
+        fate = found & ~MET
     if assess and (up or fate != RECEIVED):
         _assess(band, adapted, p, fate == RECEIVED)
     piconet[STAGE] = 0

@@ -10,6 +10,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
@@ -19,7 +20,7 @@ from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
-from cosim.channels.bluetooth.radio import Air, Arrived, Fate, Frame, Identity, Radio
+from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
 from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
@@ -93,6 +94,8 @@ class BluetoothChannel(Channel):
         self._courses = Courses(self.intervals)
         self._switched_off: list[Time] = [-1] * size  # when each was last
         wanted = {table: trace.wants(table) for table in (FRAMES, TRANSMISSIONS, RECEPTIONS)}
+        # 0 without a law of propagation
+        self._noise_mw = elementary.exp10(settings.noise_dbm / 10.0) if wanted[RECEPTIONS] else 0.0
         self._idle_wanted = settings.idle_frames and any(wanted.values())
         self.air = Air(
             size,
@@ -254,14 +257,17 @@ class BluetoothChannel(Channel):
     def _record_sent(self, frame: Frame, body: bytes, again: bool) -> None:
         start, duration, kind, source, destination, channel, lt_addr, length = frame
         whole = not start <= self._switched_off[source] < start + duration
-        sent = 0, 0, again, False, whole, body.hex()
-        self.trace.row(TRANSMISSIONS, start, source, kind, destination, *sent, duration, channel, lt_addr, length)
+        of_frame = duration, channel, lt_addr, length
+        self.trace.put(
+            TRANSMISSIONS, start, source, kind, destination, 0, 0, again, False, whole, body.hex(), *of_frame
+        )
 
-    def _record_arrived(self, frame: Frame, fate: Fate, arrived: Arrived) -> None:
-        power_dbm = arrived.power_dbm if self.air.fades and arrived.power_dbm > float("-inf") else None
-        sinr_db = arrived.sinr_db(self.air.noise) if fate.judged else None
-        row = frame.destination, power_dbm, sinr_db, fate.heard.value, fate.part.value
-        self.trace.row(RECEPTIONS, frame.start, frame.source, *row)
+    def _record_arrived(self, frame: Frame, fate: Fate, power_dbm: float, met_mw: float) -> None:
+        start, _, _, source, receiver, _, _, _ = frame
+        against_mw = self._noise_mw + met_mw
+        sinr_db = power_dbm - 10.0 * elementary.log10(against_mw) if against_mw > 0.0 and fate.judged else None
+        power = power_dbm if self._noise_mw > 0.0 and power_dbm > float("-inf") else None
+        self.trace.put(RECEPTIONS, start, source, receiver, power, sinr_db, fate.heard.value, fate.part.value)
 
     def _call(self, address: Address, depth: int, name: str, detail: str) -> None:
         self.trace.row(CALLS, self.kernel.now, address, CALL_DEPTH + depth, "bluetooth", name, detail)

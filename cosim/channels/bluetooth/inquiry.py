@@ -32,7 +32,7 @@ from cosim.channels.bluetooth.hopping import (
     scan_channels,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Arrived, Fate, Frame, Radio
+from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Fate, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -211,7 +211,7 @@ class InquiryScanner:
             self._expect(inquiry, meeting.tick + 1)
             return
         inquiry.record_id(frame)
-        self._air.record(frame, GOOD, Arrived(carrier_dbm))
+        self._air.record(frame, GOOD, carrier_dbm)
         if self._backs_off_first and not (self._limit is not None and end <= self._limit):
             waited = self._backoff(start, start)
             self._scan(max(self.clock.at_local(waited), end), self.clock.at_local(waited + RESPONSE_TIMEOUT))
@@ -325,9 +325,9 @@ class Inquiry:
 
     def record_id(self, frame: Frame) -> None:
         """Record that an ID has been sent, as somebody has heard it: once, however many have."""
-        if frame.start > self._recorded:
+        if self._air.record_sent is not None and frame.start > self._recorded:
             self._recorded = frame.start
-            self._air.record_sent(frame._replace(destination=BROADCAST))
+            self._air.record_sent(frame._replace(destination=BROADCAST), b"", False)
 
     def sends(self, start: Time) -> bool:
         """Return whether the ID at *start*, now, is sent: not while an FHS is being received."""
@@ -373,8 +373,9 @@ class Inquiry:
             fate = UNTUNED
         else:
             fate = reply.lost or self._air.judge(frame, self.address, reply.carrier_dbm, FHS_BITS, HEADER)
-        self._air.record_sent(frame)
-        self._air.record(frame, fate, Arrived(reply.carrier_dbm))
+        if self._air.record_sent is not None:
+            self._air.record_sent(frame, b"", False)
+        self._air.record(frame, fate, reply.carrier_dbm)
         if fate is GOOD and frame.source not in self.found:
             self._report(reply)
 

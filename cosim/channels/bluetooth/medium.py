@@ -51,6 +51,8 @@ COLLIDED: Final = 0
 BIT_ERRORS: Final = 4
 OUT_OF_RANGE: Final = 8
 NOT_TUNED: Final = 9
+MET: Final = 16
+"""Bit added to a fate if anything overlapped the frame."""
 
 DETECTABLE_DB: Final = 0.0
 """Es/N0 below which no receiver notices a frame, as its access code correlates less than once in 10,000 times."""
@@ -277,7 +279,7 @@ def judge(
     coded: bool,
     first: int,
 ) -> int:
-    """Return the fate at *receiver* of the frame [start, end) of *source*, in its sections from *first* on.
+    """Return the fate at *receiver* of the frame [start, end) of *source*, in its sections from *first* on, and MET.
 
     *carrier_dbm* is its power there, *bits* the length of its payload with header and CRC before coding. A frame no
     longer than an ID is access code only; noise breaks that as often as one with a trailer. Everything that starts
@@ -297,10 +299,10 @@ def judge(
         if section > ACCESS_CODE and alone:
             break
         if met and carrier < _interference_mw(medium, jammers, source, receiver, channel, since, until):
-            return COLLIDED + section
+            return COLLIDED + section + MET
         if lost == section:
-            return BIT_ERRORS + section
-    return RECEIVED
+            return BIT_ERRORS + section + (MET if met else 0)
+    return RECEIVED + (MET if met else 0)
 
 
 @njit(cache=True, borrows=True)

@@ -31,7 +31,7 @@ from cosim.channels.bluetooth.hopping import (
     slave_response_channel,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, HEADER_AIR, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Arrived, Frame, Radio
+from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -309,8 +309,9 @@ class Page:
         if self.air.judge(frame, self.scanner.address, carrier_dbm) is not GOOD:
             self._seek(meeting.tick + 1)
             return
-        self.air.record_sent(frame)
-        self.air.record(frame, GOOD, Arrived(carrier_dbm))
+        if self.air.record_sent is not None:
+            self.air.record_sent(frame, b"", False)
+        self.air.record(frame, GOOD, carrier_dbm)
         self._exchange = _Exchange(self, meeting, frame.start)
         self.scanner.engage(self._exchange)
         self.scanner.wait(self._exchange, frame.start + RESPONSE_DELAY + PAGE_RESPONSE_TIMEOUT)
@@ -346,8 +347,8 @@ class _Exchange:
     def abandon(self) -> None:
         """Let the pager take no further part; the scanner notices by its time-out."""
         self._pending.cancel()
-        if self._under_way is not None:  # nobody will ask what became of it
-            self._page.air.record_sent(self._under_way)
+        if self._under_way is not None and self._page.air.record_sent is not None:  # nobody will ask what became of it
+            self._page.air.record_sent(self._under_way, b"", False)
         if self.slave:
             self._page.scanner.finish(self)
         else:
@@ -482,6 +483,7 @@ class _Exchange:
         else:
             bits = FHS_BITS if frame.kind == "FHS" else 0
             fate = air.judge(frame, frame.destination, carrier_dbm, bits)
-        air.record_sent(frame)
-        air.record(frame, fate, Arrived(carrier_dbm))
+        if air.record_sent is not None:
+            air.record_sent(frame, b"", False)
+        air.record(frame, fate, carrier_dbm)
         then(fate is GOOD)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from itertools import repeat, starmap
+from itertools import repeat
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -24,7 +24,7 @@ from cosim.channels.bluetooth.band import LOG_FIELDS, LOG_POWERS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.clock import NativeClock, start_of
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
-from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
+from cosim.channels.bluetooth.medium import BIT_ERRORS, MET, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import (
     PAIR_LINK,
@@ -133,29 +133,17 @@ class Frame(NamedTuple):
     """User payload in bytes."""
 
 
-class Arrived(NamedTuple):
-    """What arrives of a frame at a receiver."""
-
-    power_dbm: float
-    interference_mw: float | None = None
-    """The most of what overlaps one of its sections there; None if it has not been judged, or not yet been asked."""
-
-    def sinr_db(self, noise: Noise | None) -> float | None:
-        """Return the least ratio to noise and interference in dB; None where there is neither."""
-        against = 0.0 if noise is None else elementary.exp10(noise.dbm / 10.0)
-        against += self.interference_mw or 0.0
-        return None if against == 0.0 else self.power_dbm - 10.0 * elementary.log10(against)
-
-
-IdleFrame: TypeAlias = Callable[[int, int, bool, Fate, Arrived | None], None]
-"""Called with (tick, LT_ADDR, whether the frame went up to the master, its fate, what arrived if that is wanted)."""
+IdleFrame: TypeAlias = Callable[[int, int, bool, Fate, float, float], None]
+"""Called with (tick, LT_ADDR, whether the frame went up to the master, its fate, and, if they are wanted, its power at
+the receiver in dBm and the most that overlaps one of its sections there in mW)."""
 
 
 class Air:
     """The air between *size* devices. *record*, if given, is called with every frame that is judged, and its fate.
 
     *sent*, if given, is called with every frame that is recorded, once, its body, and whether that has been on the air
-    before; *arrived* with the frame, its fate and what arrived, for each receiver.
+    before; *arrived* for each receiver with the frame, its fate, its power there in dBm, and the most that overlaps one
+    of its sections there in mW.
 
     *key* is the key of the draws of bit errors; without noise (-inf dBm) there are none.
     """
@@ -168,7 +156,7 @@ class Air:
         noise_dbm: float = float("-inf"),
         key: tuple[int, int] = (0, 0),
         sent: Callable[[Frame, bytes, bool], None] | None = None,
-        arrived: Callable[[Frame, Fate, Arrived], None] | None = None,
+        arrived: Callable[[Frame, Fate, float, float], None] | None = None,
     ) -> None:
         self.medium = mediums.new_medium(size, MODES[interference])
         self.band: Band = bands.new_band(self.medium)
@@ -183,10 +171,13 @@ class Air:
         self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
         """Power from which on a receiver notices a frame."""
         self._record = record
-        self._told_sent = sent
-        self._told_arrived = arrived
+        self.record_sent = sent
+        """Takes each frame that has been on the air, once, if a trace wants that."""
+        self._arrived = arrived
         self.recorded = not (record is None and sent is None and arrived is None)
         """True if a trace wants frames, or what is sent, or what arrives."""
+        self._clear: tuple[Address, Time, Address] | None = None
+        """(source, start, receiver) of a frame that has just been found to meet nothing, if anybody wants to know."""
         self._running = 0
         """Number of piconets that send anything."""
         self._master: Address | None = None
@@ -272,13 +263,13 @@ class Air:
         more = True
         while more:
             log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
-            powers = _NO_POWERS if self._told_arrived is None else np.empty((_LOG_ROWS, LOG_POWERS))
+            powers = _NO_POWERS if self._arrived is None else np.empty((_LOG_ROWS, LOG_POWERS))
             count = self._advance_together(now, last_end, log, powers)
             more = count > _LOG_ROWS
-            arrived = starmap(Arrived, powers[:count].tolist()) if len(powers) else repeat(None)
-            for (master, tick, k, up, fate), power in zip(log[:count].tolist(), arrived, strict=False):
+            arrived = powers[:count].tolist() if len(powers) else repeat((_NOTHING_DBM, 0.0))
+            for (master, tick, k, up, fate), (power_dbm, met_mw) in zip(log[:count].tolist(), arrived, strict=False):
                 if master in self._idle:
-                    self._idle[master](tick, k, bool(up), FATES[fate], power)
+                    self._idle[master](tick, k, bool(up), FATES[fate], power_dbm, met_mw)
 
     def report_idle(self, master: Address, report: IdleFrame) -> None:
         """Call *report* with every idle POLL and NULL of the piconet of *master* from now on."""
@@ -421,7 +412,9 @@ class Air:
             coded,
             first,
         )
-        return FATES[fate]
+        if not fate & MET and self._arrived is not None and duration == frame.duration:
+            self._clear = frame.source, start, receiver
+        return FATES[fate & ~MET]
 
     def _undisturbed(self, source: Address, receiver: Address, start: Time, end: Time) -> bool:
         """Return whether nobody but *source* and *receiver* sends anything during [start, end), on any channel."""
@@ -435,25 +428,25 @@ class Air:
                 return False
         return True
 
-    def record(self, frame: Frame, fate: Fate, arrived: Arrived | None = None) -> None:
-        """Hand *frame*, which has just ended, its fate, and what *arrived*, to the trace, as far as that wants it."""
+    def record(self, frame: Frame, fate: Fate, power_dbm: float = _NOTHING_DBM, met_mw: float | None = None) -> None:
+        """Hand *frame* and its fate to the trace, as far as that wants them.
+
+        *power_dbm* is its power at the receiver, *met_mw* the most that overlaps one of its sections there; if that is
+        not given, the frame has ended just now.
+        """
         if self._record is not None:
             self._record(frame, fate)
-        if self._told_arrived is not None and arrived is not None:
-            if arrived.interference_mw is None and fate.judged:
-                met = self._interference_mw(frame, frame.destination)
-                arrived = arrived._replace(interference_mw=met)
-            self._told_arrived(frame, fate, arrived)
-
-    def record_sent(self, frame: Frame, body: bytes = b"", again: bool = False) -> None:
-        """Hand a *frame* with a *body* to the trace, if that wants it; *again* if the body was on the air before."""
-        if self._told_sent is not None:
-            self._told_sent(frame, body, again)
+        if self._arrived is not None:
+            if met_mw is None:
+                met_mw = self._interference_mw(frame, frame.destination) if fate.judged else 0.0
+            self._arrived(frame, fate, power_dbm, met_mw)
 
     def _interference_mw(self, frame: Frame, receiver: Address) -> float:
         """Return the most that overlaps a section of *frame*, which ends now and has been judged, at *receiver*."""
         start, end = frame.start, frame.start + frame.duration
         if (self.calm and start >= self.stray) or self._undisturbed(frame.source, receiver, start, end):
+            return 0.0
+        if self._clear == (frame.source, start, receiver):
             return 0.0
         self._put_sent()
         ways = frame.source, receiver, frame.channel

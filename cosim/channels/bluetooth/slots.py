@@ -32,7 +32,7 @@ from cosim.channels.bluetooth.polling import (
     USED,
 )
 from cosim.channels.bluetooth.queues import LinkEvents, Payload
-from cosim.channels.bluetooth.radio import FAR, GOOD, REFUSED, UNTUNED, Arrived, Fate, Frame, Heard
+from cosim.channels.bluetooth.radio import FAR, GOOD, REFUSED, UNTUNED, Fate, Frame, Heard
 from cosim.channels.bluetooth.schedule import Schedule
 from cosim.channels.bluetooth.state import PiconetState
 from cosim.kernel import AIR, Handle
@@ -149,7 +149,7 @@ class Slots:
             fate = REFUSED
         if pair.noted:
             self._record(frame, pair.question)
-            self._air.record(frame, fate, Arrived(pair.down_dbm))
+            self._air.record(frame, fate, pair.down_dbm)
         if pair.answer is not None:
             pair.answer.chosen = False
         if not fate.header_heard:
@@ -196,7 +196,7 @@ class Slots:
         fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
         if pair.noted:
             self._record(frame, answer)
-            self._air.record(frame, fate, Arrived(pair.up_dbm))
+            self._air.record(frame, fate, pair.up_dbm)
         self._assess(frame, fate.heard is Heard.RECEIVED and pair.whole)
         if not fate.header_heard:
             links.table[STOPPED, k] = 0
@@ -260,7 +260,7 @@ class Slots:
             tuned = there and bool(joined[k] if parked is None else parked.joined)
             fate = self._fate(frame, slave, carrier_dbm, payload, tuned)
             if wanted:
-                self._air.record(frame._replace(destination=slave), fate, Arrived(carrier_dbm))
+                self._air.record(_new(Frame, (*frame[:4], slave, *frame[5:])), fate, carrier_dbm)
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
                 self._receive(arrivals, slave, payload, self.address, carrier_dbm, True)
@@ -342,19 +342,18 @@ class Slots:
 
     def _record(self, frame: Frame, payload: Payload | None) -> None:
         """Record that *frame* with *payload*, or without one, has been sent."""
-        if payload is None:
-            self._air.record_sent(frame)
-        else:
-            self._air.record_sent(frame, payload.outgoing.payload, payload.tries > 1)
+        if self._air.record_sent is not None:
+            body = b"" if payload is None else payload.outgoing.payload
+            self._air.record_sent(frame, body, payload is not None and payload.tries > 1)
 
-    def _record_idle(self, tick: int, k: int, up: bool, fate: Fate, arrived: Arrived | None) -> None:
+    def _record_idle(self, tick: int, k: int, up: bool, fate: Fate, power_dbm: float, met_mw: float) -> None:
         slave = int(self.links.table[SLAVE, k])  # the link itself may be gone by the end of the frame
         source, destination = (slave, self.address) if up else (self.address, slave)
         channel = self._air.channel(self.address, tick)
         start, kind = self.clock.time_of(tick), "NULL" if up else "POLL"
         frame = Frame(start, HEADER_AIR, kind, source, destination, channel, k)
-        self._air.record_sent(frame)
-        self._air.record(frame, fate, arrived)
+        self._record(frame, None)
+        self._air.record(frame, fate, power_dbm, met_mw)
 
 
 @cache
