@@ -2,7 +2,7 @@
 
 A message is one JSON object in one WebSocket text frame; its ``say`` is its kind. To the server:
 
-    {"say": "play"}  {"say": "pause"}  {"say": "step", "ticks": 1}  {"say": "speed", "speed": 2.5}
+    {"say": "play"}  {"say": "pause"}  {"say": "step", "by": "tick", "count": 1}  {"say": "speed", "speed": 2.5}
     {"say": "seek", "time_s": 12.0}  {"say": "operator", "robot": 0, "data": {...}}
 
 To the page: ``scene`` (what does not change, and ``page``, a number that no other connection to the server has: all
@@ -43,10 +43,11 @@ class Pause(Settings):
 
 
 class Step(Settings):
-    """Pause, and go on by a few ticks of the world; backwards in a recorded run only."""
+    """Pause, and go on by a few ticks of the world, slots of the radio, frames or events; backwards in a recorded run only."""
 
     say: Literal["step"]
-    ticks: int = Field(default=1, ge=-1000, le=1000)
+    by: Literal["tick", "slot", "frame", "event"] = "tick"
+    count: int = Field(default=1, ge=-1000, le=1000)
 
 
 class Speed(Settings):

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from cosim.arrays import Int64s
 from cosim.documents import is_file
 from cosim.errors import UserError
 from cosim.trace import StoredTable
-from cosim.units import Time, from_seconds, to_seconds
+from cosim.units import S, Time, from_seconds, to_seconds
+from cosim.web.activity import StoredActivity
+from cosim.web.air import StoredAir
 from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
@@ -19,6 +22,8 @@ from cosim.web.rows import Row, Stored
 from cosim.web.scenes import read_scene
 
 _MARGIN_M = 1.0
+_TABLES = ("events", "frames", "intervals", "links")
+"""Tables that are shown, if the run has kept them, besides the robots' places."""
 
 
 class Recorded:
@@ -28,20 +33,24 @@ class Recorded:
         """Read the tables; raise UserError if there are none, or if they lack the robots' places."""
         poses = StoredTable(_existing(folder, "poses"))
         self._times, self._poses = _by_tick(poses)
-        events = StoredTable(folder / "events.parquet") if (folder / "events.parquet").is_file() else None
-        frames = StoredTable(folder / "frames.parquet") if (folder / "frames.parquet").is_file() else None
+        events, frames, intervals, links = (_table(folder, name) for name in _TABLES)
         marks = _marked(events)
         self._downs = _downs(events)
+        air, activity = StoredAir(frames), StoredActivity(intervals, links)
+        seconds = self._times[:, None] / S
+        ticks = np.concatenate([seconds, self._poses.reshape(len(self._times), -1)], axis=1)
         self._history = History(
-            ticks=Stored(self._times, lambda a, b, step: self._poses[a:b:step].reshape(-1, self._width).tolist()),
-            frames=_frames(frames),
+            ticks=Stored(self._times, lambda first, end, step: ticks[first:end:step].tolist()),
+            air=air,
+            activity=activity,
             events=_events(events, None),
             marks=_events(events, marks),
         )
         tables = [table for table in (poses, events, frames) if table is not None and len(table)]
         self._end: Time = max(int(table.column("time_ns")[-1]) for table in tables)
+        self._starts = {"frame": _starts(frames), "event": _starts(events)}
         self._scene = _scene(folder, self._poses, self._end) | {"live": False}
-        self._tick = from_seconds(self._scene["tick_s"])
+        self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
         self._wall = wall
         self._pace = Pace(playing=playing, wall_s=wall())
         self._jumps = 0
@@ -50,11 +59,6 @@ class Recorded:
     def scene(self) -> Plain:
         """What does not change."""
         return self._scene
-
-    @property
-    def _width(self) -> int:
-        """Number of columns of a tick."""
-        return 3 * int(self._poses.shape[1])
 
     def wish(self, wish: Wish) -> None:
         """Do what a page asks for; raise UserError, one line, if it cannot be done."""
@@ -67,9 +71,9 @@ class Recorded:
                 self._pace.play(wall)
             case Pause():
                 self._pace.pause(wall)
-            case Step(ticks=ticks):
+            case Step(by=by, count=count):
                 self._pace.pause(wall)
-                self._jump(now + ticks * self._tick, wall, fresh=ticks < 0)
+                self._jump(self._stepped(now, by, count), wall, fresh=count < 0)
             case Speed(speed=speed):
                 self._pace.change(speed, wall)
             case Seek(time_s=seconds):
@@ -100,6 +104,20 @@ class Recorded:
         self._pace.jump(min(max(to, 0), self._end), wall)
         self._jumps += fresh
 
+    def _stepped(self, now: Time, by: str, count: int) -> Time:
+        """Return the time *count* steps from *now*; raise UserError for steps that the run has none of."""
+        step = self._steps.get(by)
+        if step is not None:
+            return now + count * step
+        starts = self._starts.get(by)
+        if starts is None or not len(starts):
+            raise UserError(f"this run has no {by}s")
+        if count < 0:
+            at = int(np.searchsorted(starts, now, side="left")) + count
+        else:
+            at = int(np.searchsorted(starts, now, side="right")) + count - 1
+        return 0 if at < 0 else self._end if at >= len(starts) else int(starts[at])
+
     def _robots(self, now: Time) -> list[Row]:
         """Return where the robots are: between two ticks on the line from one place to the next."""
         after = int(np.searchsorted(self._times, now, side="right"))
@@ -126,7 +144,7 @@ def _existing(folder: Path, name: str) -> Path:
     return path
 
 
-def _by_tick(poses: StoredTable) -> tuple[np.ndarray[Any, np.dtype[np.int64]], np.ndarray[Any, np.dtype[np.float64]]]:
+def _by_tick(poses: StoredTable) -> tuple[Int64s, np.ndarray[Any, np.dtype[np.float64]]]:
     """Return the times of the ticks, and the poses, shape (ticks, robots, 3)."""
     times, robots = poses.column("time_ns"), poses.column("source")
     size = int(robots.max()) + 1 if len(poses) else 0
@@ -136,19 +154,17 @@ def _by_tick(poses: StoredTable) -> tuple[np.ndarray[Any, np.dtype[np.int64]], n
     return times[::size], np.stack(columns, axis=1).reshape(-1, size, 3)
 
 
-def _frames(table: StoredTable | None) -> Stored:
-    if table is None:
-        return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
-    names = ("source", "destination", "kind", "outcome", "length")
-
-    def read(first: int, end: int, step: int) -> list[Row]:
-        rows = table.rows(first, end)[::step]
-        return [[to_seconds(row["time_ns"]), *(row[name] for name in names)] for row in rows]
-
-    return Stored(table.column("time_ns"), read)
+def _table(folder: Path, name: str) -> StoredTable | None:
+    path = folder / f"{name}.parquet"
+    return StoredTable(path) if path.is_file() else None
 
 
-def _marked(table: StoredTable | None) -> np.ndarray[Any, np.dtype[np.int64]]:
+def _starts(table: StoredTable | None) -> Int64s:
+    """Return the instants of the rows of *table*, each once."""
+    return np.empty(0, dtype=np.int64) if table is None else np.unique(table.column("time_ns"))
+
+
+def _marked(table: StoredTable | None) -> Int64s:
     """Return the numbers of the events that have a place among their fields."""
     if table is None:
         return np.zeros(0, dtype=np.int64)
@@ -156,7 +172,7 @@ def _marked(table: StoredTable | None) -> np.ndarray[Any, np.dtype[np.int64]]:
     return np.flatnonzero(np.logical_or.reduce(told)) if told else np.zeros(0, dtype=np.int64)
 
 
-def _events(table: StoredTable | None, numbers: np.ndarray[Any, np.dtype[np.int64]] | None) -> Stored:
+def _events(table: StoredTable | None, numbers: Int64s | None) -> Stored:
     """Return all events of *table*, or only those with *numbers*."""
     if table is None:
         return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
@@ -205,4 +221,6 @@ def _scene(folder: Path, poses: np.ndarray[Any, np.dtype[np.float64]], end: Time
         "places_m": {},
         "base_m": None,
         "radii_m": [0.2] * poses.shape[1],
+        "slot_ns": None,
+        "jammers": [],
     }

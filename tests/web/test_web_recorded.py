@@ -136,18 +136,18 @@ def test_after_a_jump_a_page_is_told_anew(recorded: Recorded):
 
 def test_steps_go_both_ways_and_stop_at_the_ends(recorded: Recorded):
     recorded.wish(Seek(say="seek", time_s=1.0))
-    recorded.wish(Step(say="step", ticks=3))
+    recorded.wish(Step(say="step", count=3))
     message, cursor = told(recorded)
     assert (message["time_s"], message["state"]) == (pytest.approx(1.3), "paused")
-    recorded.wish(Step(say="step", ticks=1))
+    recorded.wish(Step(say="step", count=1))
     message, cursor = told(recorded, cursor)
     assert "fresh" not in message
-    recorded.wish(Step(say="step", ticks=-2))
+    recorded.wish(Step(say="step", count=-2))
     message, cursor = told(recorded, cursor)
     assert (message["time_s"], message["fresh"]) == (pytest.approx(1.2), True)
-    recorded.wish(Step(say="step", ticks=-1000))
+    recorded.wish(Step(say="step", count=-1000))
     assert told(recorded)[0]["time_s"] == 0
-    recorded.wish(Step(say="step", ticks=1000))
+    recorded.wish(Step(say="step", count=1000))
     assert told(recorded)[0]["state"] == "ended"
 
 
@@ -233,5 +233,5 @@ def test_rows_that_were_written_late_are_read_in_the_order_of_time(tmp_path: Pat
 
 def test_the_tick_of_the_scene_is_a_step(recorded: Recorded):
     recorded.wish(Seek(say="seek", time_s=0))
-    recorded.wish(Step(say="step", ticks=1))
+    recorded.wish(Step(say="step", count=1))
     assert told(recorded)[0]["time_s"] == pytest.approx(100 * MS / S)
