@@ -38,7 +38,7 @@ class StoredActivity:
         self._table = intervals
         self._states = np.empty(0, dtype=object) if intervals is None else intervals.column("state")
         self._spans = _spans([] if intervals is None else [intervals.column("start_ns"), intervals.column("end_ns")])
-        known = bool(np.isin(self._states.astype(str), [*LINKED]).any())
+        known = bool(np.isin(self._states.astype(str), ["link", *LINKED]).any())
         news = [] if known or links is None else linked(links)
         self._news = sorted(news, key=lambda each: each.start)
         self._news_spans = _spans([[each.start for each in self._news], [each.end for each in self._news]])

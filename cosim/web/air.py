@@ -1,7 +1,7 @@
 """The frames that a floor shows at an instant: those in the air, and for a while those that were.
 
 How long a frame is shown after its end follows from the run's clock and its speed alone, so that a pause shows it, and
-so does a return to that time. At the speed 1 that is ``GLOW_S``, at a tenth of it a tenth: on the screen it is the same.
+so does a return to that time. At the speed 1 that is ``GLOW_S``, at a tenth of it a tenth: on the screen it is equal.
 """
 
 from collections import deque
@@ -119,7 +119,7 @@ class StoredAir:
 
 
 class RecentAir:
-    """The latest frames of a run under way, which tells of a frame when it is over: all are asked for at its present."""
+    """The latest frames of a run under way, which tells of a frame when it is over: they are asked for at its present."""
 
     def __init__(self) -> None:
         self._frames: deque[Frame] = deque(maxlen=_KEPT)

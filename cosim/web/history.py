@@ -74,8 +74,8 @@ class History(NamedTuple):
         doing, intervals = self.activity.at(moment.time)
         fresh = cursor is None or cursor.jumps != moment.jumps
         known = cursor or Cursor(moment.jumps, 0, events, ())
-        sent = {"jumps": moment.jumps, "frames": self.air.count(moment.time), "events": events}
-        new = known._replace(**sent, shown=moment.shown, doing=doing)
+        frames = self.air.count(moment.time)
+        new = known._replace(jumps=moment.jumps, frames=frames, events=events, shown=moment.shown, doing=doing)
         if new == cursor:
             return None, new
         message: Plain = {

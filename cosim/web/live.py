@@ -363,7 +363,7 @@ class Live:
         """Return what the robots and their radios are doing; links as hosts know them, if no channel tells of them."""
         trace: Any = self._simulation.trace
         links = [] if STATES.keys() & LINKED.keys() else trace.links.under_way()
-        return self._simulation.channel.under_way(self._simulation.kernel.now) + links
+        return self._simulation.under_way() + links
 
     def _end(self) -> None:
         outcome = self._simulation.outcome()

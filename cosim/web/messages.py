@@ -43,7 +43,7 @@ class Pause(Settings):
 
 
 class Step(Settings):
-    """Pause, and go on by a few ticks of the world, slots of the radio, frames or events; backwards in a recorded run only."""
+    """Pause, and go on by ticks of the world, slots of the radio, frames or events; back in a recorded run only."""
 
     say: Literal["step"]
     by: Literal["tick", "slot", "frame", "event"] = "tick"

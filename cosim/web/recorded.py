@@ -222,5 +222,4 @@ def _scene(folder: Path, poses: np.ndarray[Any, np.dtype[np.float64]], end: Time
         "base_m": None,
         "radii_m": [0.2] * poses.shape[1],
         "slot_ns": None,
-        "jammers": [],
     }

@@ -11,7 +11,6 @@ from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.radios import RadiosSettings
 from cosim.errors import UserError
-from cosim.faults.settings import JammerSettings
 from cosim.scenario import Scenario
 from cosim.units import SLOT, Time
 from cosim.web.messages import Plain
@@ -37,7 +36,6 @@ def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
         "base_m": _base(scenario, floor),
         "radii_m": [body.radius_m for body in scenario.team.bodies],
         "slot_ns": _slot(scenario.channel),
-        "jammers": _jammers(scenario),
     }
 
 
@@ -51,15 +49,6 @@ def _slot(settings: ChannelSettings) -> Time | None:
         case RadiosSettings(radios=radios):
             return next((slot for slot in map(_slot, radios) if slot is not None), None)
     return None
-
-
-def _jammers(scenario: Scenario) -> list[Plain]:
-    """Return the jammers: which of the scenario's faults each is, where it stands, and which radios it disturbs."""
-    return [
-        {"fault": number, "x_m": fault.x_m, "y_m": fault.y_m, "radio": fault.radio}
-        for number, fault in enumerate(scenario.faults)
-        if isinstance(fault, JammerSettings)
-    ]
 
 
 def _base(scenario: Scenario, floor: Floorplan) -> list[float] | None:

@@ -114,7 +114,7 @@ def test_every_control_is_reached_by_the_tabulator(browser: Browser, serve: Any,
 
 def test_every_control_has_a_name_for_those_who_do_not_see_it(browser: Browser, serve: Any, folder: Path):
     with tab(browser, serve(Recorded(folder, playing=False))) as page:
-        for name in ("Play", "A tick on", "A tick back", "To the beginning", "To the end"):
+        for name in ("Play", "A step on", "A step back", "To the beginning", "To the end"):
             assert page.get_by_role("button", name=name, exact=True).count() == 1
         assert page.get_by_role("slider", name="Time").count() == 1
         assert page.get_by_role("combobox", name="Speed").count() == 1

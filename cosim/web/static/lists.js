@@ -11,16 +11,19 @@ export class Robots {
     this.rows = [];
   }
 
-  show(robots, selected) {
+  show(robots, selected, doing) {
     while (this.rows.length < robots.length) this.add(this.rows.length);
     while (this.rows.length > robots.length) this.rows.pop().item.remove();
     robots.forEach(([x, y, heading, down], robot) => {
-      const { button, name, where, chip } = this.rows[robot];
+      const { button, name, where, chip, state } = this.rows[robot];
       name.textContent = `robot ${robot}${down ? " †" : ""}`;
       const degrees = Math.round((heading * 180) / Math.PI);
       where.textContent = `${x.toFixed(2)}, ${y.toFixed(2)} m  ${degrees}°`;
       chip.style.background = down ? "transparent" : this.floor.colour(robot);
       chip.style.boxShadow = down ? `inset 0 0 0 2px ${this.floor.colour(robot)}` : "";
+      chip.className = `chip ${this.floor.shape(robot)}`;
+      const words = standing(doing, robot);
+      if (state.textContent !== words) state.textContent = words;
       button.setAttribute("aria-pressed", String(robot === selected));
     });
   }
@@ -28,18 +31,26 @@ export class Robots {
   add(robot) {
     const item = document.createElement("li");
     const button = document.createElement("button");
-    const [chip, name, where] = ["chip", "name", "number"].map((kind) => {
+    const [chip, name, where, state] = ["chip", "name", "number", "state"].map((kind) => {
       const part = document.createElement("span");
       part.className = kind;
       return part;
     });
     button.type = "button";
-    button.append(chip, name, where);
+    button.append(chip, name, where, state);
     button.addEventListener("click", () => this.picked(button.getAttribute("aria-pressed") === "true" ? null : robot));
     item.append(button);
     this.root.append(item);
-    this.rows.push({ item, button, chip, name, where });
+    this.rows.push({ item, button, chip, name, where, state });
   }
+}
+
+/** What a robot is doing, in words: its links, and what else its radio is at. */
+export function standing(doing, robot) {
+  const slaves = doing.links.filter(({ master }) => master === robot).map(({ slave }) => slave);
+  const masters = doing.links.filter(({ slave }) => slave === robot).map(({ master }) => master);
+  const words = [slaves.length && `master of ${slaves.join(", ")}`, masters.length && `slave of ${masters.join(", ")}`];
+  return [...words, ...doing.of(robot)].filter(Boolean).join("; ");
 }
 
 /** The list of events, the newest first, filtered by a text in them. */

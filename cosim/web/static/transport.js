@@ -18,9 +18,10 @@ export class Transport {
     this.waiting = 0;
     this.since = null;
     this.start = button("start", "To the beginning", "Home");
-    this.back = button("back", "A tick back", "ArrowLeft");
+    this.back = button("back", "A step back", "ArrowLeft");
     this.play = button("play", "Play", "Space");
-    this.step = button("step", "A tick on", "ArrowRight");
+    this.step = button("step", "A step on", "ArrowRight");
+    this.unit = units();
     this.end = button("end", "To the end", "End");
     this.slider = document.createElement("input");
     Object.assign(this.slider, { type: "range", id: "scrub", min: 0, max: 1, step: "any", value: 0 });
@@ -30,14 +31,15 @@ export class Transport {
     this.clock.className = "number";
     this.speeds = SPEEDS;
     this.speed = speeds();
-    root.replaceChildren(this.start, this.back, this.play, this.step, this.end, this.slider, this.clock, this.speed);
+    root.replaceChildren(this.start, this.back, this.play, this.step, this.end, this.unit, this.slider, this.clock, this.speed);
     this.start.addEventListener("click", () => this.seek(0));
     this.end.addEventListener("click", () => this.seek(this.duration_s));
-    this.back.addEventListener("click", () => this.send({ say: "step", ticks: -1 }));
-    this.step.addEventListener("click", () => this.send({ say: "step", ticks: 1 }));
+    this.back.addEventListener("click", () => this.go(-1));
+    this.step.addEventListener("click", () => this.go(1));
     this.play.addEventListener("click", () => this.toggle());
     this.speed.addEventListener("change", () => this.send({ say: "speed", speed: Number(this.speed.value) }));
     this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
+    this.unit.addEventListener("change", () => this.shown && this.show(this.shown));
     document.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -48,12 +50,18 @@ export class Transport {
     this.endless = Boolean(scene.attended); // it lasts as long as its operator wants
     this.slider.hidden = this.endless;
     this.slider.max = scene.duration_s;
+    const slot_us = (scene.slot_ns ?? 0) / 1000;
+    const slot = [...this.unit.options].find(({ value }) => value === "slot");
+    slot.hidden = slot.disabled = !scene.slot_ns;
+    slot.textContent = slot_us ? `slot (${slot_us} µs)` : "slot";
+    if (slot.hidden && this.unit.value === "slot") this.unit.value = "tick";
     this.slider.disabled = this.start.disabled = this.end.disabled = this.back.disabled = scene.live;
     this.start.hidden = this.end.hidden = this.back.hidden = scene.live;
   }
 
   /** Show where the run is. */
   show(now) {
+    this.shown = now;
     if (now.state !== "busy") this.state = now.state; // else the next state follows when it is no longer busy
     const playing = this.state === "playing";
     draw_sign(this.play, playing ? "pause" : "play");
@@ -61,12 +69,17 @@ export class Transport {
     const over = this.live && (now.state === "ended" || now.state === "failed");
     this.play.disabled = this.step.disabled = over;
     if (this.wanted_s === null) this.slider.value = now.time_s;
-    const text = `${now.time_s.toFixed(2)} s`;
+    const text = `${now.time_s.toFixed(this.decimals())} s`;
     const whole = this.endless ? "" : ` of ${this.duration_s.toFixed(1)} s`;
     this.clock.textContent = `${text}${whole}${this.reached(now)}`;
     this.slider.setAttribute("aria-valuetext", text);
     this.offer(now.speed);
     if (document.activeElement !== this.speed) this.speed.value = String(now.speed);
+  }
+
+  /** Decimals of the time: steps that are shorter than a tick need more of them. */
+  decimals() {
+    return this.unit.value === "tick" ? 2 : 6;
   }
 
   /** Add the speed of the run to those that can be chosen: it may have begun with another one. */
@@ -89,6 +102,11 @@ export class Transport {
       if (speed < 0.8 * now.speed) this.since.text = ` (at ${speed.toPrecision(2)} ×)`;
     }
     return this.since.text;
+  }
+
+  /** Go on by some steps of the chosen kind, or back. */
+  go(count) {
+    this.send({ say: "step", by: this.unit.value, count });
   }
 
   toggle() {
@@ -170,6 +188,15 @@ function button(name, title, key) {
   made.setAttribute("aria-label", title);
   made.setAttribute("aria-keyshortcuts", key);
   draw_sign(made, name);
+  return made;
+}
+
+function units() {
+  const made = document.createElement("select");
+  made.id = "step-by";
+  made.title = "What a step is";
+  made.setAttribute("aria-label", "Step by");
+  for (const unit of ["tick", "slot", "frame", "event"]) made.add(new Option(unit, unit));
   return made;
 }
 

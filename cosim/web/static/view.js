@@ -20,7 +20,7 @@ function take(message) {
     find("result").hidden = false;
     show_metrics(find("metrics").tBodies[0], message.metrics);
   }
-  if (!run.take(message, performance.now())) return undefined;
+  if (!run.take(message)) return undefined;
   if (message.say === "scene") begin(message);
   else page.show_soon();
   return undefined;
@@ -31,15 +31,15 @@ function begin(scene) {
   find("result").hidden = true;
   events.seek = scene.live ? null : (time_s) => page.transport.seek(time_s);
   const about = [scene.protocol, scene.channel && `channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`];
-  const words = ["● robots", "○ goals", "– – ghosts", "□ frontiers", "× events", "— frames and links, red if not received"];
-  if (scene.base_m) words.unshift("▲ base");
-  page.begin(scene, [...about, scene.live ? "live" : "recorded"], words);
+  page.begin(scene, [...about, scene.live ? "live" : "recorded"]);
 }
 
 function show(now) {
-  robots.show(now.robots, floor.selected);
+  robots.show(now.robots, floor.selected, run.doing);
   events.show(run.events, floor.selected);
-  const { frames, lost, left_out } = run.counts;
-  const missed = left_out ? `; ${left_out} events came too fast to be shown` : "";
-  find("counts").textContent = `${frames} frames seen, ${lost} of them not received${missed}`;
+  const { frames, lost, unshown, left_out } = run.counts;
+  const words = [`${frames} frames seen, ${lost} of them not received`];
+  if (unshown) words.push(`${unshown} of late are not drawn`);
+  if (left_out) words.push(`${left_out} events came too fast to be shown`);
+  find("counts").textContent = words.join("; ");
 }
