@@ -3,7 +3,7 @@
 Links are such intervals. A trace that tells of none of them has news of links, from which they follow as hosts know it.
 """
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -51,18 +51,14 @@ class StoredActivity:
 
     def at(self, time: Time) -> tuple[Hashable, Callable[[], list[Row]]]:
         """Return the intervals that *time* is in; at the end of the run those that have lasted until then."""
-        numbers = self._spans.at(min(time, self._last)).tolist()
+        numbers = self._spans.at(min(time, self._last))
         of_news = self._news_spans.at(time).tolist()
 
         def rows() -> list[Row]:
-            return [self._row(number) for number in numbers] + [row_of(self._news[number]) for number in of_news]
+            known = [] if self._table is None else map(_row, self._table.rows_at(numbers))
+            return [*known, *(row_of(self._news[number]) for number in of_news)]
 
-        return (tuple(numbers), tuple(of_news)), rows
-
-    def _row(self, number: int) -> Row:
-        assert self._table is not None
-        [row] = self._table.rows(number, number + 1)
-        return [row["state"], row["robot"], row["radio"], to_seconds(row["start_ns"]), row["detail"]]
+        return (tuple(numbers.tolist()), tuple(of_news)), rows
 
 
 class PresentActivity:
@@ -130,6 +126,10 @@ def linked(table: StoredTable) -> list[Interval]:
 def row_of(interval: Interval) -> Row:
     """Return *interval* as a page gets it."""
     return [interval.state, interval.robot, interval.radio, to_seconds(interval.start), interval.detail]
+
+
+def _row(row: Mapping[str, Any]) -> Row:
+    return [row["state"], row["robot"], row["radio"], to_seconds(row["start_ns"]), row["detail"]]
 
 
 def _spans(columns: list[Any]) -> Spans:

@@ -105,9 +105,7 @@ class StoredAir:
     def _rows(self, numbers: Int64s) -> list[Row]:
         if self._table is None or not len(numbers):
             return []
-        first = int(numbers[0])
-        rows = self._table.rows(first, int(numbers[-1]) + 1)  # at once: they are next to each other, or nearly so
-        return [_frame(rows[number - first]).row for number in numbers.tolist()]
+        return [_frame(row).row for row in self._table.rows_at(numbers)]
 
     def _talks(self, time: Time, speed: float, seen: int) -> list[Row]:
         first = max(self.count(time - _talk(speed)), seen - _TALK_ROWS)
@@ -119,7 +117,7 @@ class StoredAir:
 
 
 class RecentAir:
-    """The latest frames of a run under way, which tells of a frame when it is over: they are asked for at its present."""
+    """The latest frames of a run under way, which tells of a frame when it is over; asked for at its present."""
 
     def __init__(self) -> None:
         self._frames: deque[Frame] = deque(maxlen=_KEPT)

@@ -1,6 +1,6 @@
 """What a page is sent of a run: where everything is, and what has happened since the last message."""
 
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from cosim.units import Time, to_seconds
@@ -11,6 +11,8 @@ from cosim.web.rows import Row, Rows
 
 MOST_EVENTS: Final = 200
 """Maximum number of events in a message: a page that is slow, or looks at a fast run, gets the newest only."""
+MOST_OF_KIND: Final = 20
+"""Maximum number of events of each type that are told besides these."""
 TRAIL_TICKS: Final = 240
 """Number of ticks that the trails in a page's first message go back, before which they are coarse."""
 TRAIL_POINTS: Final = 600
@@ -64,6 +66,8 @@ class History(NamedTuple):
     """Rows of number, time (s), robot, event, its fields."""
     marks: Rows
     """The events that have a place among their fields."""
+    kinds: Mapping[str, Rows]
+    """The events of each type, by its name."""
 
     def now(self, moment: Moment, cursor: Cursor | None) -> tuple[Plain | None, Cursor]:
         """Return the message ``now`` for a page that has been sent all up to *cursor*, and the new cursor.
@@ -91,18 +95,27 @@ class History(NamedTuple):
             message["doing"] = intervals()
         if fresh:
             return message | self._from_before(moment.time, events), new
-        message["events"] = self.events.between(max(known.events, events - MOST_EVENTS), events)
-        message["left_out"] = max(0, events - MOST_EVENTS - known.events)
+        message["events"] = self._between(known.events, events, moment.time)
+        message["left_out"] = events - known.events - len(message["events"])
         return message, new
+
+    def _between(self, first: int, end: int, time: Time, marks: Sequence[Row] = ()) -> list[Row]:
+        """Return the events from *first* to before *end*, at *time*: the latest, also of each kind."""
+        rows = [*marks, *self.events.between(max(first, end - MOST_EVENTS), end)]
+        if end - first > MOST_EVENTS:
+            for of_kind in self.kinds.values():
+                count = of_kind.until(time)
+                rows += of_kind.between(count - MOST_OF_KIND, count)
+        by_number = {row[0]: row for row in rows if row[0] >= first}
+        return [by_number[number] for number in sorted(by_number)]
 
     def _from_before(self, time: Time, events: int) -> Plain:
         """Return what a page that has just connected is sent of the past."""
         marks = self.marks.until(time)
-        before = self.marks.between(marks - MOST_EVENTS, marks) + self.events.between(events - MOST_EVENTS, events)
-        by_number = {row[0]: row for row in before}
+        marked = self.marks.between(marks - MOST_EVENTS, marks)
         return {
             "fresh": True,
-            "events": [by_number[number] for number in sorted(by_number)],
+            "events": self._between(0, events, time, marked),
             "left_out": 0,
             "trails": self._trails(time),
         }

@@ -22,7 +22,7 @@ from cosim.trace import FRAMES, INTERVALS, LINKS, POSES, Table, Trace
 from cosim.units import S, Time, to_seconds
 from cosim.web.activity import LINKED, Links, News, PresentActivity
 from cosim.web.air import Frame, RecentAir
-from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
+from cosim.web.history import DOWN, MOST_OF_KIND, UP, Cursor, History, Moment, places
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
 from cosim.web.rows import Rolling, Row
@@ -165,7 +165,8 @@ class Live:
         self._lock = threading.Lock()
         self._marks, self._events = Rolling(_ROWS), Rolling(_ROWS)
         self._air, self._activity, self._ticks = RecentAir(), PresentActivity(), Rolling(_TICKS)
-        self._history = History(self._ticks, self._air, self._activity, self._events, self._marks)
+        self._kinds: dict[str, Rolling] = {}
+        self._history = History(self._ticks, self._air, self._activity, self._events, self._marks, self._kinds)
         self._answers = Rolling(_ANSWERS)
         self._ending: Plain | None = None
         self._failure = ""
@@ -352,6 +353,7 @@ class Live:
             self._activity.put(doing)
             for row in events:
                 self._events.append(row)
+                self._kinds.setdefault(row[3], Rolling(MOST_OF_KIND)).append(row)
                 if places(row[4]):  # its fields name a place
                     self._marks.append(row)
             for answer in answers:

@@ -34,7 +34,7 @@ class Recorded:
         poses = StoredTable(_existing(folder, "poses"))
         self._times, self._poses = _by_tick(poses)
         events, frames, intervals, links = (_table(folder, name) for name in _TABLES)
-        marks = _marked(events)
+        marks, kinds = _marked(events), _by_kind(events)
         self._downs = _downs(events)
         air, activity = StoredAir(frames), StoredActivity(intervals, links)
         seconds = self._times[:, None] / S
@@ -45,11 +45,13 @@ class Recorded:
             activity=activity,
             events=_events(events, None),
             marks=_events(events, marks),
+            kinds={name: _events(events, numbers) for name, numbers in kinds.items()},
         )
         tables = [table for table in (poses, events, frames) if table is not None and len(table)]
         self._end: Time = max(int(table.column("time_ns")[-1]) for table in tables)
         self._starts = {"frame": _starts(frames), "event": _starts(events)}
         self._scene = _scene(folder, self._poses, self._end) | {"live": False}
+        self._scene["kinds"] = {name: len(numbers) for name, numbers in kinds.items()}
         self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
         self._wall = wall
         self._pace = Pace(playing=playing, wall_s=wall())
@@ -172,18 +174,25 @@ def _marked(table: StoredTable | None) -> Int64s:
     return np.flatnonzero(np.logical_or.reduce(told)) if told else np.zeros(0, dtype=np.int64)
 
 
+def _by_kind(table: StoredTable | None) -> dict[str, Int64s]:
+    """Return the numbers of the events of each type, by its name."""
+    names = np.empty(0, dtype=str) if table is None else table.column("event").astype(str)
+    return {name: np.flatnonzero(names == name) for name in np.unique(names).tolist()}
+
+
 def _events(table: StoredTable | None, numbers: Int64s | None) -> Stored:
-    """Return all events of *table*, or only those with *numbers*."""
+    """Return the events of *table*, all or only those with these *numbers*."""
     if table is None:
         return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
     times = table.column("time_ns")
 
-    def read(first: int, end: int, step: int) -> list[Row]:
-        if numbers is None:
-            return [_event(first + at, row) for at, row in enumerate(table.rows(first, end))][::step]
-        return [_event(at, table.rows(at, at + 1)[0]) for at in numbers[first:end:step].tolist()]
+    chosen = np.arange(len(table)) if numbers is None else numbers
 
-    return Stored(times if numbers is None else times[numbers], read)
+    def read(first: int, end: int, step: int) -> list[Row]:
+        asked = chosen[first:end:step]
+        return [_event(number, row) for number, row in zip(asked.tolist(), table.rows_at(asked), strict=True)]
+
+    return Stored(times[chosen], read)
 
 
 def _event(number: int, row: dict[str, Any]) -> Row:
@@ -197,8 +206,7 @@ def _downs(table: StoredTable | None) -> list[tuple[Time, int, bool]]:
     if table is None:
         return []
     names = table.column("event")
-    changes = np.flatnonzero(np.isin(names.astype(str), [*DOWN, *UP])).tolist()
-    rows = (table.rows(at, at + 1)[0] for at in changes)
+    rows = table.rows_at(np.flatnonzero(np.isin(names.astype(str), [*DOWN, *UP])))
     return [(row["time_ns"], row["source"], row["event"] in DOWN) for row in rows]
 
 

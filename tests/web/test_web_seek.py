@@ -207,14 +207,15 @@ def test_the_page_draws_after_a_seek_what_the_tables_say(browser: Browser, folde
     served = Served(session)
     with tab(browser, served) as page:
         for time in moments(frames):
-            page.evaluate("time_s => document.getElementById('scrub').value = time_s", time / S)
             session.wish(Seek(say="seek", time_s=time / S))
             page.wait_for_function("time_s => cosim.seen().time_s === time_s", arg=time / S)
             page.evaluate("() => new Promise(requestAnimationFrame)")
             page.evaluate("() => new Promise(requestAnimationFrame)")
             seen = page.evaluate("cosim.seen()")
             at = frames[(frames.time_ns <= time) & (time < frames.end_ns)]
-            flying = Counter((f["source"], f["destination"], f["kind"]) for f in seen["frames"] if f["end_s"] > time / S)
+            flying = Counter(
+                (f["source"], f["destination"], f["kind"]) for f in seen["frames"] if f["end_s"] > time / S
+            )
             assert flying == Counter(zip(at.source, at.destination, at.kind, strict=True))
             expected = linked(folder, time)
             assert {(each["master"], each["slave"]) for each in seen["links"]} == {

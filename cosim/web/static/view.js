@@ -6,7 +6,8 @@ import { Page, find } from "./page.js";
 const page = new Page({ take, show });
 const { run, floor } = page;
 const robots = new Robots(find("robots"), floor, (robot) => page.select(robot));
-const events = new Events(find("events"), find("filter"), floor, null);
+const filters = { text: find("filter"), kind: find("kind"), robot: find("of-robot") };
+const events = new Events(find("events"), filters, { floor, address: page.address, select: (robot) => page.select(robot) });
 
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") page.select(null);
@@ -29,6 +30,7 @@ function take(message) {
 function begin(scene) {
   document.title = `${scene.name} – cosim`;
   find("result").hidden = true;
+  events.begin(scene);
   events.seek = scene.live ? null : (time_s) => page.transport.seek(time_s);
   const about = [scene.protocol, scene.channel && `channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`];
   page.begin(scene, [...about, scene.live ? "live" : "recorded"]);
