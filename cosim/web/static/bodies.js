@@ -96,17 +96,18 @@ export function paint_label(pen, floor, robot) {
   pen.textBaseline = "alphabetic";
 }
 
-/** Paint a band below each robot that a fault hinders, with the word for it. */
+/** Paint a band above each robot that a fault hinders, with the word for it. */
 export function paint_hindrances(pen, floor) {
   pen.font = "600 10px system-ui, sans-serif";
   pen.textAlign = "center";
   const { run } = floor;
   for (const { robot, state } of run.doing.in(...Object.keys(HINDERED))) {
-    if (!run.now.robots[robot]) continue;
-    const [x, y] = floor.place(run.now.robots[robot]);
+    const place = run.now.robots[robot];
+    if (!place || (place[3] && state !== "crashed")) continue; // the radio of a dead one is off
+    const [x, y] = floor.place(place);
     const words = HINDERED[state];
     const wide = pen.measureText(words).width + 8;
-    const top = y + radius_px(floor, robot) + 4;
+    const top = y - radius_px(floor, robot) - 19;
     pen.fillStyle = floor.colours.bad;
     pen.fillRect(x - wide / 2, top, wide, 13);
     pen.fillStyle = floor.colours.paper;

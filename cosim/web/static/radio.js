@@ -37,10 +37,11 @@ function paint_halo(pen, floor, robot, place) {
   pen.lineWidth = HALO_PX - 1;
   pen.globalAlpha = 0.75;
   pen.lineCap = "butt";
+  const share = masters.length > 1 ? 0.94 : 1;
   masters.forEach((master, at) => {
     pen.strokeStyle = floor.colour(master);
     pen.beginPath();
-    pen.arc(...floor.place(place), radius, (2 * Math.PI * at) / masters.length, (2 * Math.PI * (at + 0.94)) / masters.length);
+    pen.arc(...floor.place(place), radius, (2 * Math.PI * at) / masters.length, (2 * Math.PI * (at + share)) / masters.length);
     pen.stroke();
   });
   pen.lineCap = "round";
@@ -179,9 +180,9 @@ export function paint_searches(pen, floor) {
 export function paint_jammers(pen, floor) {
   pen.font = "600 10px system-ui, sans-serif";
   pen.textAlign = "center";
-  pen.strokeStyle = floor.colours.bad;
   for (const { words } of floor.run.doing.in("jammer")) {
     const [x, y] = floor.place([Number(words.x_m), Number(words.y_m)]);
+    pen.strokeStyle = floor.colours.bad;
     pen.lineWidth = 2;
     for (let ray = 0; ray < 8; ray += 1) {
       const angle = (ray * Math.PI) / 4;
@@ -192,6 +193,7 @@ export function paint_jammers(pen, floor) {
   }
   for (const { words } of floor.run.doing.in("wall")) {
     const [from, to] = [[words.x1_m, words.y1_m], [words.x2_m, words.y2_m]].map((point) => floor.place(point.map(Number)));
+    pen.strokeStyle = floor.colours.bad;
     pen.lineWidth = 4;
     pen.setLineDash([3, 3]);
     floor.line(pen, from, to);
