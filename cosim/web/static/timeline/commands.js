@@ -7,9 +7,9 @@ const PAN = 0.2; // of the window
 
 /** The commands of a timeline: [id, sign on its button, title, keys, action, whether it is on (of a switch)] in groups. */
 export function commands(timeline) {
-  const { axis } = timeline;
+  const { axis, finder, measure } = timeline;
   const width = () => axis.width_px;
-  const at = () => timeline.pointer?.[0] ?? width() / 2;
+  const at = () => finder.pointer?.[0] ?? width() / 2;
   return [
     [
       ["in", "+", "Zoom in", ["w", "+", "="], () => axis.zoom(ZOOM, at())],
@@ -17,24 +17,24 @@ export function commands(timeline) {
       ["left", "◀", "Earlier", ["a", "Shift ArrowLeft"], () => axis.pan(-PAN * width())],
       ["right", "▶", "Later", ["d", "Shift ArrowRight"], () => axis.pan(PAN * width())],
       ["all", "whole", "The whole run", ["0"], () => axis.all()],
-      ["fit", "fit", "Fit what is pinned, or between the cursors", ["f"], () => timeline.fit()],
+      ["fit", "fit", "Fit what is pinned, or between the cursors", ["f"], () => measure.fit()],
       ["follow", "follow", "Follow the time of the run", ["o"], () => timeline.follow(), () => axis.follow],
     ],
     [
-      ["lost-before", "‹ lost", "Lost frame before", ["Shift L"], () => timeline.find({ lost: true, back: true })],
-      ["lost-next", "lost ›", "Next lost frame", ["l"], () => timeline.find({ lost: true })],
-      ["kind-before", "‹ kind", "Before, of the same kind", ["p"], () => timeline.find({ alike: true, back: true })],
-      ["kind-next", "kind ›", "Next of the same kind", ["n"], () => timeline.find({ alike: true })],
-      ["box-before", "‹ box", "Box before in this lane", ["ArrowLeft"], () => timeline.find({ here: true, back: true })],
-      ["box-next", "box ›", "Next box in this lane", ["ArrowRight"], () => timeline.find({ here: true })],
+      ["lost-before", "‹ lost", "Lost frame before", ["Shift L"], () => finder.find({ lost: true, back: true })],
+      ["lost-next", "lost ›", "Next lost frame", ["l"], () => finder.find({ lost: true })],
+      ["kind-before", "‹ kind", "Before, of the same kind", ["p"], () => finder.find({ alike: true, back: true })],
+      ["kind-next", "kind ›", "Next of the same kind", ["n"], () => finder.find({ alike: true })],
+      ["box-before", "‹ box", "Box before in this lane", ["ArrowLeft"], () => finder.find({ here: true, back: true })],
+      ["box-next", "box ›", "Next box in this lane", ["ArrowRight"], () => finder.find({ here: true })],
       ["lane-before", "▲", "Lane above", ["ArrowUp"], () => timeline.walk(-1)],
       ["lane-next", "▼", "Lane below", ["ArrowDown"], () => timeline.walk(1)],
-      ["only", "this robot", "Find only what is of the robot of this lane", ["r"], () => timeline.restrict(), () => timeline.only],
+      ["only", "this robot", "Find only what is of the robot of this lane", ["r"], () => finder.restrict(), () => finder.only],
     ],
     [
-      ["cursor-1", "1", "Cursor 1 here", ["1"], () => timeline.measure_here(0)],
-      ["cursor-2", "2", "Cursor 2 here", ["2"], () => timeline.measure_here(1)],
-      ["cursors-off", "✕", "No cursors", ["x"], () => timeline.measure_nothing()],
+      ["cursor-1", "1", "Cursor 1 here", ["1"], () => measure.put_here(0)],
+      ["cursor-2", "2", "Cursor 2 here", ["2"], () => measure.put_here(1)],
+      ["cursors-off", "✕", "No cursors", ["x"], () => measure.clear()],
       ["go", "go", "Have the run at this time", ["t"], () => timeline.go()],
       ["channels", "channels", "By RF channel", ["c"], () => timeline.show_channels(), () => timeline.rows.by_channel],
     ],

@@ -25,7 +25,7 @@ export class Gestures {
     element.addEventListener("pointermove", (event) => this.move(event));
     element.addEventListener("pointerup", (event) => this.up(event, true));
     element.addEventListener("pointercancel", (event) => this.up(event, false));
-    element.addEventListener("pointerleave", () => timeline.point(null, null));
+    element.addEventListener("pointerleave", () => timeline.finder.point(null, null));
   }
 
   wheel(event) {
@@ -54,8 +54,8 @@ export class Gestures {
 
   /** The number of the cursor that is near a place. */
   grip(x) {
-    const { axis, cursors } = this.timeline;
-    const far = cursors.map((ns) => (ns === null ? Infinity : Math.abs(axis.place(ns) - x)));
+    const { axis, measure } = this.timeline;
+    const far = measure.times.map((ns) => (ns === null ? Infinity : Math.abs(axis.place(ns) - x)));
     const number = far.indexOf(Math.min(...far));
     return far[number] <= GRIP_PX ? number : null;
   }
@@ -63,7 +63,7 @@ export class Gestures {
   move(event) {
     const here = this.at(event);
     if (!this.pointers.has(event.pointerId)) {
-      if (event.pointerType !== "touch") this.timeline.point(...here);
+      if (event.pointerType !== "touch") this.timeline.finder.point(...here);
       return;
     }
     const before = [...this.pointers.values()];
@@ -73,11 +73,11 @@ export class Gestures {
       if (after.length === 1 && Math.hypot(here[0] - this.began[0], here[1] - this.began[1]) < DRAG_PX) return;
       this.dragged = true;
       event.target.setPointerCapture(event.pointerId);
-      this.timeline.point(null, null);
+      this.timeline.finder.leave();
     }
     const { axis } = this.timeline;
     if (this.cursor !== null) {
-      this.timeline.measure(this.cursor, axis.time(here[0]), !event.altKey);
+      this.timeline.measure.put(this.cursor, axis.time(here[0]), !event.altKey);
       return;
     }
     const [from, to] = [middle(before), middle(after)];
@@ -91,7 +91,7 @@ export class Gestures {
     this.pointers.delete(event.pointerId);
     if (!here || !done || this.dragged) return;
     if (this.ruler) this.timeline.seek(this.timeline.axis.time(here[0]));
-    else this.timeline.pick(...here);
+    else this.timeline.finder.pick(...here);
   }
 }
 

@@ -1,10 +1,14 @@
 // What lies over the boxes and changes often: the time of the run, two cursors, and what the pointer or a pin is at.
 
+import { mates } from "./boxes.js";
+
 const RING_PX = 2;
 
 /** Draw on a pen in CSS pixels, of a canvas that lies over the painter's. */
 export function paint_overlay(pen, timeline) {
-  const { axis, kinds, scroll_px, stage_px, now_ns, cursors, hovered, pinned } = timeline;
+  const { axis, kinds, scroll_px, stage_px, now_ns } = timeline;
+  const { hovered, pinned } = timeline.finder;
+  const { times } = timeline.measure;
   const { paint } = kinds;
   pen.clearRect(0, 0, axis.width_px, stage_px);
   pen.save();
@@ -13,11 +17,11 @@ export function paint_overlay(pen, timeline) {
   for (const box of [pinned, hovered]) if (box) paint_box(pen, timeline, box, box === pinned ? paint.accent : paint.ink);
   pen.restore();
   if (now_ns !== null) line(pen, axis.place(now_ns), stage_px, paint.ink, []);
-  cursors.forEach((ns, number) => {
+  times.forEach((ns, number) => {
     if (ns === null) return;
     line(pen, axis.place(ns), stage_px, paint.accent, number ? [6, 3] : [2, 3]);
   });
-  const [one, two] = cursors;
+  const [one, two] = times;
   if (one !== null && two !== null) {
     pen.fillStyle = paint.accent;
     pen.globalAlpha = 0.09;
@@ -27,7 +31,7 @@ export function paint_overlay(pen, timeline) {
 }
 
 /** Draw the flags of the cursors, and of the time of the run, on the ruler. */
-export function paint_flags(pen, { axis, kinds, now_ns, cursors }, height) {
+export function paint_flags(pen, { axis, kinds, now_ns, measure }, height) {
   const { paint } = kinds;
   pen.font = "600 11px system-ui, sans-serif";
   pen.textAlign = "center";
@@ -41,7 +45,7 @@ export function paint_flags(pen, { axis, kinds, now_ns, cursors }, height) {
     pen.lineTo(x, height);
     pen.fill();
   }
-  cursors.forEach((ns, number) => {
+  measure.times.forEach((ns, number) => {
     if (ns === null) return;
     const x = axis.place(ns);
     pen.fillStyle = paint.accent;
@@ -55,13 +59,13 @@ function paint_box(pen, timeline, box, colour) {
   const { axis, rows } = timeline;
   const x = axis.place(box.start_ns);
   const width = Math.max(3, (box.end_ns - box.start_ns) / axis.ns_per_px);
-  const mates = timeline.mates(box);
+  const others = mates(timeline, box);
   pen.strokeStyle = colour;
   pen.lineWidth = 1;
   pen.setLineDash([]);
   const own = rows.by_lane.get(box.lane);
   if (own) {
-    for (const mate of mates) {
+    for (const mate of others) {
       const row = rows.by_lane.get(mate.lane);
       if (!row || row === own) continue;
       pen.beginPath();
