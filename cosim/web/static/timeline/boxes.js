@@ -1,4 +1,5 @@
-// Boxes of an answer as objects: {lane, row, start_ns, end_ns, code, outcome, peer}, by which the page speaks of them.
+// Boxes of an answer as objects, by which the page speaks of them: {lane, row, start_ns, end_ns, code, outcome, peer}, where
+// peer is the robot at the other end, -1 for all, and null where the server does not tell.
 
 import { FRAME_LANES } from "./kinds.js";
 
@@ -13,7 +14,7 @@ export function boxed(answer, lane, at) {
     end_ns: start_ns + block.durations[at],
     code: block.codes[at],
     outcome: block.outcomes[at],
-    peer: block.peers?.[at] ?? -1,
+    peer: block.peers?.[at] ?? null,
   };
 }
 
@@ -46,11 +47,20 @@ export function mates({ rows, painter }, box) {
     const lanes = rows.rows.map(({ lane }) => lane).filter(others);
     return lanes.filter(({ what, robot }) => (what === "sent" ? robot === source : ends.has(robot)));
   }
-  const from = own.what === "sent" ? own.robot : box.peer;
+  const from = own.what === "sent" ? own.robot : box.peer; // null: whoever sent something at that time
   return painter.drawn
     .filter(([{ lane }]) => others(lane))
     .map(([{ lane }, answer, at]) => ({ ...boxed(answer, lane, at), what: lane.what, robot: lane.robot }))
-    .filter(({ start_ns, what, robot, peer }) => start_ns === box.start_ns && (what === "sent" ? robot : peer) === from);
+    .filter(({ start_ns, code }) => start_ns === box.start_ns && code === box.code)
+    .filter(({ what, robot, peer }) => [null, from].includes(what === "sent" && from !== null ? robot : peer));
+}
+
+/** The ends of a frame, as far as they are known from what is drawn: {source, peer}. */
+export function ends(timeline, box, lane) {
+  const others = box.peer === null ? mates(timeline, box) : [];
+  const robots = (sent) => [...new Set(others.filter(({ what }) => (what === "sent") === sent).map(({ robot }) => robot))];
+  const other = (sent) => box.peer ?? (robots(sent).length === 1 ? robots(sent)[0] : null);
+  return lane.what === "sent" ? { source: lane.robot, peer: other(false) } : { source: other(true), peer: lane.robot };
 }
 
 /** The start or end of a drawn box next to a time, if it is near enough; else the time. */

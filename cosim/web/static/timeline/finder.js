@@ -1,7 +1,7 @@
 // The box that the pointer is at, the one that is pinned, and how one gets from it to the next.
 
 import { length } from "./axis.js";
-import { box_at, mates } from "./boxes.js";
+import { box_at, ends, mates } from "./boxes.js";
 import { element } from "./dom.js";
 import { show_box } from "./inspector.js";
 import { FRAME_LANES, sentence } from "./kinds.js";
@@ -52,7 +52,7 @@ export class Finder {
     const robots = new Set();
     for (const { lane } of box ? [box, ...mates(this.timeline, box)] : []) robots.add(rows.by_lane.get(lane)?.lane.robot);
     if (box && kinds.is_frame(box.code)) robots.add(box.peer);
-    page.light([...robots].filter((robot) => robot >= 0));
+    page.light([...robots].filter((robot) => robot !== null && robot >= 0));
   }
 
   show_tip(box, x, y) {
@@ -61,9 +61,8 @@ export class Finder {
     if (!box) return;
     const { lane } = timeline.rows.by_lane.get(box.lane);
     const { name = "", part = "", lost = false } = timeline.kinds.outcomes.get(box.outcome) ?? {};
-    const ends = lane.what === "sent" ? { source: lane.robot, peer: box.peer } : { source: box.peer, peer: lane.robot };
     const own = { kind: timeline.kinds.name(box.code), what: lane.what, robot: lane.robot, channel: lane.channel ?? -1 };
-    tip.textContent = `${sentence({ ...box, ...ends, ...own, outcome: name, part, lost })}; ${length(box.end_ns - box.start_ns)}`;
+    tip.textContent = `${sentence({ ...box, ...ends(timeline, box, lane), ...own, outcome: name, part, lost })}; ${length(box.end_ns - box.start_ns)}`;
     const below = y - timeline.scroll_px + 16;
     tip.style.left = `${Math.max(0, Math.min(x + 12, timeline.axis.width_px - tip.offsetWidth - 4))}px`;
     tip.style.top = `${below + 30 > timeline.stage_px ? below - 46 : below}px`;
@@ -148,7 +147,7 @@ export class Finder {
       this.timeline.say(`No further ${this.sought.replaceAll("_", " ")}${whose}.`);
       return;
     }
-    const box = { lane, row, start_ns: Number(start_ns), end_ns: Number(end_ns), code: kind, outcome, peer: -1 };
+    const box = { lane, row, start_ns: Number(start_ns), end_ns: Number(end_ns), code: kind, outcome, peer: null };
     this.point(null, null);
     this.show(box);
     this.pin(box);

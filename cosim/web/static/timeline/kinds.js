@@ -10,6 +10,8 @@ const COLOURS = {
 const OTHERS = 9;
 /** What lanes are of that hold frames. */
 export const FRAME_LANES = new Set(["sent", "received", "broadcasts", "channel"]);
+/** What those are of that hold receptions. */
+export const HEARD = new Set(["received", "broadcasts"]);
 const IDLE = new Set(["POLL", "NULL"]);
 const ACCESS_CODE_NS = 72_000; // Bluetooth: 72 bits, then a header of 54, at 1 Mbit/s
 const HEADER_NS = 126_000;
@@ -95,12 +97,18 @@ export function fate({ outcome, part, lost }) {
 export function sentence(box) {
   const { kind, what, robot, source, peer, channel, start_ns, end_ns } = box;
   if (FRAME_LANES.has(what)) {
-    const ends = `robot ${source ?? "?"} to ${peer >= 0 ? peer : "all"}`;
-    return [kind, ends, `${seconds(start_ns)} s`, channel >= 0 ? `channel ${channel}` : "", fate(box)].filter(Boolean).join(", ");
+    return [kind, ended(source, peer), `${seconds(start_ns)} s`, channel >= 0 ? `channel ${channel}` : "", fate(box)].filter(Boolean).join(", ");
   }
   const who = robot >= 0 ? `robot ${robot}` : "jammer";
   const when = end_ns > start_ns ? `${seconds(start_ns)} to ${seconds(end_ns)} s` : `${seconds(start_ns)} s`;
   return [kind.replaceAll("_", " "), who, when, box.detail].filter(Boolean).join(", ");
+}
+
+/** The ends of a frame in words; null for one that is not known. */
+function ended(source, peer) {
+  const to = peer === null ? "" : ` to ${peer < 0 ? "all" : peer}`;
+  if (source === null) return to && `a frame${to}`;
+  return `robot ${source}${to}`;
 }
 
 /** A colour of CSS as the pixel of an ImageData. */

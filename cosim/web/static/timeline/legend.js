@@ -11,7 +11,7 @@ export function show_legend(root, kinds, changed) {
   for (const [group, members] of groups) {
     const switches = members.map((kind) => toggle(kind, kinds, changed));
     root.append(
-      element("h4", {}, TITLES[group] ?? group),
+      element("h3", {}, TITLES[group] ?? group),
       element("ul", { className: `tl-kinds tl-kinds-${group}` }, ...switches),
     );
   }

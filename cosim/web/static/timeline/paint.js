@@ -1,7 +1,7 @@
 // The boxes on their canvas: rectangles while there are few, else a row of pixels a lane, in which what is lost wins.
 
 import { DCF_SLOT_NS, SLOT_NS, TICK_NS } from "./axis.js";
-import { FRAME_LANES } from "./kinds.js";
+import { FRAME_LANES, HEARD } from "./kinds.js";
 
 const MOST_RECTANGLES = 4000; // more of them take longer than a frame of the screen
 const LETTER_PX = 6.4;
@@ -203,18 +203,14 @@ export class Painter {
   /** Join frames and their receptions by hairlines. */
   join(pen) {
     const sent = new Map();
-    for (const each of this.drawn) {
-      const [row, answer, at] = each;
-      if (row.lane.what === "sent") sent.set(`${start(answer, row, at)} ${row.lane.robot} ${row.lane.radio}`, each);
-    }
+    for (const each of this.drawn) if (each[0].lane.what === "sent") note(sent, frame_key(...each), each);
     pen.strokeStyle = this.kinds.paint.quiet;
     pen.lineWidth = 0.7;
     pen.globalAlpha = 0.7;
     pen.beginPath();
-    for (const [row, answer, at, x, y, , height] of this.drawn) {
-      if (!["received", "broadcasts"].includes(row.lane.what)) continue;
-      const block = answer.blocks.get(row.lane.lane);
-      const frame = sent.get(`${start(answer, row, at)} ${block.peers?.[at]} ${row.lane.radio}`);
+    for (const each of this.drawn) {
+      const [row, , , x, y, , height] = each;
+      const frame = HEARD.has(row.lane.what) && sent.get(frame_key(...each));
       if (!frame) continue;
       const [, , , , from_y, , from_height] = frame;
       pen.moveTo(x + 0.5, from_y < y ? from_y + from_height : from_y);
@@ -271,7 +267,15 @@ function within(block, answer, axis, hidden) {
   return found;
 }
 
-const start = (answer, row, at) => answer.from_ns + answer.blocks.get(row.lane.lane).starts[at];
+/** What a frame and its receptions have in common: start, kind, radio and, where the server tells it, the sender. */
+function frame_key({ lane }, answer, at) {
+  const block = answer.blocks.get(lane.lane);
+  const source = block.peers && (lane.what === "sent" ? lane.robot : block.peers[at]);
+  return `${answer.from_ns + block.starts[at]} ${block.codes[at]} ${lane.radio} ${source}`;
+}
+
+/** Keep what has a key; what is not the only one with it, is not kept: nobody knows which is meant. */
+const note = (map, key, value) => map.set(key, map.has(key) ? null : value);
 
 /** Two rows of pixels for each lane, of what is lost and of the rest, which are stretched to the height of its row. */
 class ImageDataRows {

@@ -85,6 +85,6 @@ export class Rows {
 
 function named({ robot, radio }, radios) {
   const who = robot >= 0 ? `robot ${robot}` : "jammers";
-  if (radio === -1 && robot >= 0) return `${who}, host`;
-  return radios > 1 ? `${who}, radio ${radio}` : who;
+  if (radio === -1 && robot >= 0) return `${who} host`;
+  return radios > 1 ? `${who} radio ${radio}` : who;
 }
