@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from cosim.intervals import HOST
 from cosim.trace import FRAMES, INTERVALS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, Trace
-from cosim.units import MS, S, SLOT, US, Time
+from cosim.units import MS, SLOT, US, S, Time
 
 END: Final[Time] = 20 * S
 PHASE: Final[Time] = 123_457
@@ -33,7 +33,7 @@ class Frame(NamedTuple):
 
 
 def frames() -> list[Frame]:
-    """Return all frames: robot 0 polls 1 and 2 by turns, and sends data, of which two frames are lost on the way to 2."""
+    """Return all frames: robot 0 polls 1 and 2 by turns, and sends data; two frames are lost on the way to 2."""
     rows = []
     for poll, slot in enumerate(range(0, (END - 2 * SLOT) // SLOT, 24)):
         start = PHASE + slot * SLOT

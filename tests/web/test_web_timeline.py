@@ -1,4 +1,4 @@
-"""The timeline in a real browser: what it draws is what the trace has, and all of it is reached by keys, mouse and fingers."""
+"""The timeline in a real browser: it draws what the trace has, and is reached by keys, mouse and fingers."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cosim.units import MS, S, SLOT
+from cosim.units import MS, SLOT, S
 from cosim.web.recorded import Recorded
 from tests.web.browser import GRAVE, Browser, axe, pixels, tab
 from tests.web.drawn import END, LOST, PAYLOAD, PHASE, SENTENCE, Frame, write_trace
@@ -256,8 +256,7 @@ def test_the_keyboard_alone_finds_the_first_lost_frame_and_reads_why(page: Any, 
     settled(page)
     assert page.get_attribute(".tl-status", "role") == "status"
     shown = [box for box in page.evaluate(f"{LINE}.boxes()") if box["start_ns"] == LOST and box["what"] == "received"]
-    x, y = page.evaluate(f"box => {LINE}.place(box)", shown[0])
-    assert 0 < x < size[0]
+    assert 0 < page.evaluate(f"box => {LINE}.place(box)", shown[0])[0] < size[0]
     page.keyboard.press("Enter")  # to read all about it
     assert page.evaluate("document.activeElement.classList.contains('tl-pin')")
     page.locator(".tl-overlay").press("l")
