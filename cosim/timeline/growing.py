@@ -6,6 +6,7 @@ Each is put where it belongs by its start. What is under way has boxes too, whic
 
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -35,10 +36,10 @@ class Columns:
     """The latest rows of a table, numbered from the first one that ever was."""
 
     def __init__(self, table: Table) -> None:
-        self.names = tuple(field.name for field in table.fields)
+        self.names = tuple(each.name for each in table.fields)
         self.first = 0
         """Number of the oldest row that is kept."""
-        self._columns = [_column(field) for field in table.fields]
+        self._columns = [_column(each) for each in table.fields]
 
     def __len__(self) -> int:
         return len(self._columns[0])
@@ -67,17 +68,17 @@ class Columns:
         return [row for number in found if (row := self.row(self.first + number)) is not None]
 
 
-def _column(field: Field) -> Any:
+def _column(about: Field) -> Any:
     codes = {"int": "q", "float": "d"}
-    return array(codes[field.kind]) if field.kind in codes and not field.optional else []
+    return array(codes[about.kind]) if about.kind in codes and not about.optional else []
 
 
+@dataclass
 class GrowingLane(Lane):
     """A lane to which boxes are added."""
 
-    def __post_init__(self) -> None:
-        self.disjoint = True
-        self._room = no_boxes()
+    disjoint: bool = True
+    _room: Boxes = field(default_factory=no_boxes)
 
     def add(self, new: Boxes) -> None:
         """Put boxes where they belong; they are given by row, and have greater numbers than those that are there."""
@@ -90,7 +91,7 @@ class GrowingLane(Lane):
         late = late.taken(np.argsort(late.starts, kind="stable"))
         if self.named.what == "sent" and self.table == FRAMES.name:
             late = distinct(late)
-        if self.levels is not None and cut < self.levels.count:
+        if self.levels is not None and cut < self.levels.summed:
             self.levels = None
         self._replace_from(cut, late)
         self.longest = max(self.longest, int((new.ends - new.starts).max()))
@@ -118,7 +119,7 @@ class GrowingLane(Lane):
     def sum_up(self, codes: Codes) -> None:
         """Make levels anew if there are many boxes that are in none."""
         count = len(self.boxes.starts)
-        summed = 0 if self.levels is None else self.levels.count
+        summed = 0 if self.levels is None else self.levels.summed
         if count - summed > _UNSUMMED + count // 8:
             self.levels = levels_of(self.boxes.taken(slice(0, count - count // 32)), lost_codes(codes))
 
@@ -151,9 +152,7 @@ class Growing:
     def row(self, table: str, number: int) -> Row:
         """Return the row of *table* with that *number*; raise UserError if it is not kept."""
         if table == INTERVALS.name and 0 <= number - _OPEN < len(self._open):
-            start, robot, end, radio, state, detail = self._open[number - _OPEN]
-            values = start, robot, end, radio, state, detail
-            return dict(zip((field.name for field in INTERVALS.fields), values, strict=True))
+            return dict(zip((each.name for each in INTERVALS.fields), self._open[number - _OPEN], strict=True))
         row = self._tables[table].row(number) if table in self._tables else None
         if row is None:
             raise UserError(f"{table}: there is no row {number}, or not any more")

@@ -56,12 +56,12 @@ class Cells(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The levels of the first *count* boxes of a lane."""
+    """The levels of the first *summed* boxes of a lane."""
 
     lowest: int
     """The width of the cells of the lowest level is 2^lowest ns; that of each next one is twice as much."""
     levels: list[Entries]
-    count: int
+    summed: int
 
     def entries(self, shift: int, first: int, end: int) -> Entries | None:
         """Return entries of the cells from *first* to before *end* of width 2^shift, not yet added up.

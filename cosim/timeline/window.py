@@ -58,7 +58,7 @@ def cells(lane: Lane, shift: int, first: int, end: int, lost: Array) -> Cells:
         parts = [pieces(lane.within(start, stop), lost, shift, first, end)]
     else:
         span = lane.span(start, stop)
-        rest = lane.boxes.taken(slice(max(span.start, lane.levels.count), span.stop))
+        rest = lane.boxes.taken(slice(max(span.start, lane.levels.summed), span.stop))
         parts = [found, *(pieces(boxes, lost, shift, first, end) for boxes in (rest, lane.under_way))]
     entries = Entries(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     return cells_of(entries, shift, first, end - first)

@@ -132,7 +132,7 @@ class Server:
         known: Known | None = None
         while True:
             faults = [waiting.faults.popleft() for _ in range(len(waiting.faults))]
-            lanes, known = await asyncio.to_thread(self.session.timeline.told, known)
+            lanes, known = self.session.timeline.told(known)
             told, cursor = self.session.look(cursor)
             for message in (*faults, *([] if lanes is None else [lanes]), *told):
                 await self._deliver(page, message)
@@ -147,7 +147,7 @@ class Server:
             if waiting.questions:
                 question = waiting.questions.popleft()
                 try:
-                    answer = await asyncio.to_thread(self.session.timeline.answer, question)
+                    answer = self.session.timeline.answer(question)
                 except UserError as fault:
                     answer = error(str(fault))
                 await self._deliver(page, answer)
