@@ -3,20 +3,25 @@
 Links are such intervals. A trace that tells of none of them has news of links, from which they follow as hosts know it.
 """
 
-from collections.abc import Callable, Hashable, Iterable, Mapping
-from typing import Any, Final, NamedTuple, Protocol
+from collections.abc import Callable, Hashable, Iterable
+from functools import lru_cache
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
 from cosim.intervals import Interval
 from cosim.machine import Role
-from cosim.trace import StoredTable
+from cosim.trace import StoredTable, TableFile
 from cosim.units import Time, to_seconds
 from cosim.web.rows import Row
-from cosim.web.spans import Spans
+from cosim.web.spans import FiledSpans, Spans
 
 LINKED: Final = {Role.MASTER.value: Role.SLAVE.value, Role.SLAVE.value: Role.MASTER.value, Role.PEER.value: "peer"}
 """The states of a robot that has a link, each with what the other end is in them."""
+_ROWS: Final = 4096
+"""Number of rows that are kept in memory,"""
+_GROUPS: Final = 8
+"""and of groups of the times of rows."""
 _CONNECTED: Final = ("Connected", "RoleChanged")
 
 
@@ -33,32 +38,40 @@ class Activity(Protocol):
 class StoredActivity:
     """The intervals of a recorded run."""
 
-    def __init__(self, intervals: StoredTable | None, links: StoredTable | None) -> None:
+    def __init__(self, intervals: TableFile | None, links: StoredTable | None) -> None:
         """Take the tables ``intervals`` and ``links``; None for what the run has not kept."""
         self._table = intervals
-        self._states = np.empty(0, dtype=object) if intervals is None else intervals.column("state")
-        self._spans = _spans([] if intervals is None else [intervals.column("start_ns"), intervals.column("end_ns")])
-        known = bool(np.isin(self._states.astype(str), ["link", *LINKED]).any())
-        news = [] if known or links is None else linked(links)
-        self._news = sorted(news, key=lambda each: each.start)
-        self._news_spans = _spans([[each.start for each in self._news], [each.end for each in self._news]])
-        self._last: Time = int(self._spans.ends.max()) - 1 if len(self._spans) else -1
-
-    @property
-    def states(self) -> list[str]:
+        self._row = lru_cache(_ROWS)(self._read_row)
+        self._spans_of = lru_cache(_GROUPS)(self._read_spans)
+        self.states: set[str] = set()
         """The states that robots are ever in."""
-        return sorted({*self._states.tolist(), *(each.state for each in self._news)})
+        self._spans = FiledSpans(() if intervals is None else intervals.ends, self._spans_of)
+        known = bool(self.states & {"link", *LINKED})
+        self._news = [] if known or links is None else sorted(linked(links), key=lambda each: each.start)
+        starts, ends = ([each[at] for each in self._news] for at in (0, 2))
+        self._news_spans = Spans(np.array(starts, dtype=np.int64), np.array(ends, dtype=np.int64))
+        self.states |= {each.state for each in self._news}
 
     def at(self, time: Time) -> tuple[Hashable, Callable[[], list[Row]]]:
         """Return the intervals that *time* is in; at the end of the run those that have lasted until then."""
-        numbers = self._spans.at(min(time, self._last))
+        numbers = self._spans.at(min(time, self._spans.last - 1)).tolist()
         of_news = self._news_spans.at(time).tolist()
 
         def rows() -> list[Row]:
-            known = [] if self._table is None else map(_row, self._table.rows_at(numbers))
-            return [*known, *(row_of(self._news[number]) for number in of_news)]
+            return [*map(self._row, numbers), *(row_of(self._news[number]) for number in of_news)]
 
-        return (tuple(numbers.tolist()), tuple(of_news)), rows
+        return (tuple(numbers), tuple(of_news)), rows
+
+    def _read_spans(self, at: int) -> Spans:
+        assert self._table is not None
+        columns = self._table.group(at, ("start_ns", "end_ns", "state"))
+        self.states |= set(columns["state"][1])
+        return Spans(columns["start_ns"], columns["end_ns"])
+
+    def _read_row(self, number: int) -> Row:
+        assert self._table is not None
+        row = self._table.row(number)
+        return [row["state"], row["robot"], row["radio"], to_seconds(row["start_ns"]), row["detail"]]
 
 
 class PresentActivity:
@@ -126,12 +139,3 @@ def linked(table: StoredTable) -> list[Interval]:
 def row_of(interval: Interval) -> Row:
     """Return *interval* as a page gets it."""
     return [interval.state, interval.robot, interval.radio, to_seconds(interval.start), interval.detail]
-
-
-def _row(row: Mapping[str, Any]) -> Row:
-    return [row["state"], row["robot"], row["radio"], to_seconds(row["start_ns"]), row["detail"]]
-
-
-def _spans(columns: list[Any]) -> Spans:
-    starts, ends = (np.asarray(column, dtype=np.int64) for column in columns or ((), ()))
-    return Spans(starts, ends)

@@ -78,7 +78,7 @@ class History(NamedTuple):
         doing, intervals = self.activity.at(moment.time)
         fresh = cursor is None or cursor.jumps != moment.jumps
         known = cursor or Cursor(moment.jumps, 0, events, ())
-        frames = self.air.count(moment.time)
+        frames = self.air.until(moment.time)
         new = known._replace(jumps=moment.jumps, frames=frames, events=events, shown=moment.shown, doing=doing)
         if new == cursor:
             return None, new

@@ -14,21 +14,21 @@ from typing import Any, Final
 
 from cosim.caches import begin, cache_folder, kernels_digest
 from cosim.errors import UserError
-from cosim.intervals import STATES, Interval
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
-from cosim.trace import FRAMES, INTERVALS, LINKS, POSES, Table, Trace
+from cosim.trace import FRAMES, INTERVALS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
 from cosim.units import S, Time, to_seconds
-from cosim.web.activity import LINKED, Links, News, PresentActivity
+from cosim.web.activity import PresentActivity
 from cosim.web.air import Frame, RecentAir
 from cosim.web.history import DOWN, MOST_OF_KIND, UP, Cursor, History, Moment, places
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
 from cosim.web.rows import Rolling, Row
 from cosim.web.scenes import scene_of
+from cosim.web.timeline import Grown, Timeline
 
-_WATCHED: Final = (POSES, FRAMES, INTERVALS, LINKS)
+_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES)
 """Tables that a page shows besides the events."""
 _WISHES: Final = 64
 """Maximum number of wishes that wait."""
@@ -63,13 +63,16 @@ class Tap(Trace):
         self._frames: list[Frame] = []
         self.seen = 0
         """Number of frames so far."""
-        self.links = Links()
         self._events: list[Row] = []
         self._number = 0
+        self._rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in self.tables if name != POSES.name}
         self._fields = tuple(field.name for field in self.tables["events"].fields[3:])
 
     def row(self, table: Table, *values: Any) -> None:
         """Add a row; *values* in the order of the table's fields."""
+        rows = self._rows.get(table.name)
+        if rows is not None:
+            rows.append(values)
         if table.name == "events":
             super().row(table, *values)
             self._events.append(self._event(values))
@@ -78,17 +81,11 @@ class Tap(Trace):
             about = kind, outcome, length, channel, lt_addr, part
             self._frames.append(Frame(start, start + duration, source, destination, *about, *(radio or (0,))))
             self.seen += 1
-        elif table.name == LINKS.name:
-            self.links.take(News(*values))
-        elif table.name == INTERVALS.name:
-            return  # those that are under way are asked for
         elif table.name == "poses":
             time, _, *pose = values
             if not self._ticks or self._ticks[-1][0] != time:
                 self._ticks.append((time, [to_seconds(time)]))
             self._ticks[-1][1].extend(pose)
-        else:
-            super().row(table, *values)
 
     def fetched(self) -> tuple[list[Row], list[Frame], list[Row]]:
         """Drain the rows since the last call: ticks, frames, events."""
@@ -96,6 +93,11 @@ class Tap(Trace):
         frames, events = self._frames, self._events
         self._ticks, self._frames, self._events = [], [], []
         return ticks, frames, events
+
+    def grown(self) -> dict[str, list[tuple[Any, ...]]]:
+        """Drain the rows since the last call of all tables but that of poses, by the table's name."""
+        rows, self._rows = self._rows, {name: [] for name in self._rows}
+        return rows
 
     @property
     def told(self) -> int:
@@ -168,6 +170,7 @@ class Live:
         self._kinds: dict[str, Rolling] = {}
         self._history = History(self._ticks, self._air, self._activity, self._events, self._marks, self._kinds)
         self._answers = Rolling(_ANSWERS)
+        self._timeline = Grown(self._simulation.trace.tables.values())
         self._ending: Plain | None = None
         self._failure = ""
         self._simulation.begin()
@@ -180,6 +183,11 @@ class Live:
     def scene(self) -> Plain:
         """What does not change."""
         return self._scene
+
+    @property
+    def timeline(self) -> Timeline:
+        """The boxes of the run so far."""
+        return self._timeline
 
     @property
     def running(self) -> bool:
@@ -344,7 +352,8 @@ class Live:
             for at, robot, payload in said
         ]
         moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
-        doing = self._under_way()
+        doing = self._simulation.under_way()
+        self._timeline.take(trace.grown(), doing, self._simulation.kernel.now)
         with self._lock:
             for row in ticks:
                 self._ticks.append(row)
@@ -360,12 +369,6 @@ class Live:
                 self._answers.append([answer])
             self._moment = moment
             self._published_s = time.monotonic()
-
-    def _under_way(self) -> list[Interval]:
-        """Return what the robots and their radios are doing; links as hosts know them, if no channel tells of them."""
-        trace: Any = self._simulation.trace
-        links = [] if STATES.keys() & LINKED.keys() else trace.links.under_way()
-        return self._simulation.under_way() + links
 
     def _end(self) -> None:
         outcome = self._simulation.outcome()

@@ -4,55 +4,69 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from cosim.arrays import Int64s
 from cosim.documents import is_file
 from cosim.errors import UserError
-from cosim.trace import StoredTable
+from cosim.timeline.index import Told, opened
+from cosim.trace import StoredTable, TableFile
 from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import StoredActivity
 from cosim.web.air import StoredAir
 from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
-from cosim.web.rows import Row, Stored
+from cosim.web.rows import Counted, Row, Stored
 from cosim.web.scenes import read_scene
+from cosim.web.timeline import Kept, Timeline
 
 _MARGIN_M = 1.0
-_TABLES = ("events", "frames", "intervals", "links")
-"""Tables that are shown, if the run has kept them, besides the robots' places."""
+_Table = TypeVar("_Table")
 
 
 class Recorded:
     """A session that plays the trace in a folder."""
 
-    def __init__(self, folder: Path, wall: Callable[[], float] = time.monotonic, playing: bool = True) -> None:
-        """Read the tables; raise UserError if there are none, or if they lack the robots' places."""
+    def __init__(
+        self,
+        folder: Path,
+        wall: Callable[[], float] = time.monotonic,
+        playing: bool = True,
+        told: Told = lambda done, total: None,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        """Read the tables; raise UserError if there are none, or if they lack the robots' places.
+
+        *told* shows the progress of what may take long, *say* is told in a line what the user should know.
+        """
         poses = StoredTable(_existing(folder, "poses"))
         self._times, self._poses = _by_tick(poses)
-        events, frames, intervals, links = (_table(folder, name) for name in _TABLES)
+        events, links = (_table(folder, name, StoredTable) for name in ("events", "links"))
+        frames, intervals = (_table(folder, name, TableFile) for name in ("frames", "intervals"))
         marks, kinds = _marked(events), _by_kind(events)
         self._downs = _downs(events)
         air, activity = StoredAir(frames), StoredActivity(intervals, links)
         seconds = self._times[:, None] / S
         ticks = np.concatenate([seconds, self._poses.reshape(len(self._times), -1)], axis=1)
+        shown = _events(events, None)
         self._history = History(
             ticks=Stored(self._times, lambda first, end, step: ticks[first:end:step].tolist()),
             air=air,
             activity=activity,
-            events=_events(events, None),
+            events=shown,
             marks=_events(events, marks),
             kinds={name: _events(events, numbers) for name, numbers in kinds.items()},
         )
-        tables = [table for table in (poses, events, frames) if table is not None and len(table)]
-        self._end: Time = max(int(table.column("time_ns")[-1]) for table in tables)
-        self._starts = {"frame": _starts(frames), "event": _starts(events)}
+        ends = [int(table.column("time_ns")[-1]) for table in (poses, events) if table is not None and len(table)]
+        self._end: Time = max(*ends, 0 if frames is None else frames.last)
+        self._rows: dict[str, Counted] = {"frame": air, "event": shown}
         self._scene = _scene(folder, self._poses, self._end) | {"live": False}
         self._scene["kinds"] = {name: len(numbers) for name, numbers in kinds.items()}
         self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
+        self._timeline = Kept(opened(folder, told, say), folder)
         self._wall = wall
         self._pace = Pace(playing=playing, wall_s=wall())
         self._jumps = 0
@@ -91,6 +105,11 @@ class Recorded:
         message, new = self._history.now(moment, cursor)
         return [] if message is None else [message], new
 
+    @property
+    def timeline(self) -> Timeline:
+        """The boxes of the run."""
+        return self._timeline
+
     def close(self) -> None:
         """Do nothing, since nothing runs."""
 
@@ -111,14 +130,16 @@ class Recorded:
         step = self._steps.get(by)
         if step is not None:
             return now + count * step
-        starts = self._starts.get(by)
-        if starts is None or not len(starts):
+        rows = self._rows.get(by)
+        end = 0 if rows is None else rows.until(self._end)
+        if rows is None or not end:
             raise UserError(f"this run has no {by}s")
-        if count < 0:
-            at = int(np.searchsorted(starts, now, side="left")) + count
-        else:
-            at = int(np.searchsorted(starts, now, side="right")) + count - 1
-        return 0 if at < 0 else self._end if at >= len(starts) else int(starts[at])
+        for _ in range(abs(count)):
+            number = rows.until(now) if count > 0 else rows.until(now - 1) - 1
+            if not 0 <= number < end:
+                return self._end if count > 0 else 0
+            now = rows.time(number)
+        return now
 
     def _robots(self, now: Time) -> list[Row]:
         """Return where the robots are: between two ticks on the line from one place to the next."""
@@ -156,14 +177,9 @@ def _by_tick(poses: StoredTable) -> tuple[Int64s, np.ndarray[Any, np.dtype[np.fl
     return times[::size], np.stack(columns, axis=1).reshape(-1, size, 3)
 
 
-def _table(folder: Path, name: str) -> StoredTable | None:
+def _table(folder: Path, name: str, kind: Callable[[Path], _Table]) -> _Table | None:
     path = folder / f"{name}.parquet"
-    return StoredTable(path) if path.is_file() else None
-
-
-def _starts(table: StoredTable | None) -> Int64s:
-    """Return the instants of the rows of *table*, each once."""
-    return np.empty(0, dtype=np.int64) if table is None else np.unique(table.column("time_ns"))
+    return kind(path) if path.is_file() else None
 
 
 def _marked(table: StoredTable | None) -> Int64s:

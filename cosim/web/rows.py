@@ -27,6 +27,16 @@ class Rows(Protocol):
         """Return the rows from number *first* to before *end*, each *step*-th of them."""
 
 
+class Counted(Protocol):
+    """Rows that are numbered from 0, and have times."""
+
+    def until(self, time: Time) -> int:
+        """Return the number of rows up to *time*."""
+
+    def time(self, number: int) -> Time:
+        """Return the time of the row of that *number*."""
+
+
 class Stored:
     """Rows of a recorded run, which are read when they are asked for."""
 
@@ -43,6 +53,10 @@ class Stored:
     def until(self, time: Time) -> int:
         """Return the number of rows up to *time*."""
         return int(np.searchsorted(self._times, time, side="right"))
+
+    def time(self, number: int) -> Time:
+        """Return the time of the row of that *number*."""
+        return int(self._times[number])
 
     def between(self, first: int, end: int, step: int = 1) -> list[Row]:
         """Return the rows from number *first* to before *end*, each *step*-th of them."""

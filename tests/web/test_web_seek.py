@@ -1,6 +1,7 @@
 """After any seek a page shows all that was in the air or linked then, as the tables of the run have it."""
 
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,14 @@ import pytest
 
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
-from cosim.trace import INTERVALS, TABLES, StoredTable, Trace
+from cosim.trace import INTERVALS, TABLES, TableFile, Trace
 from cosim.units import MS, S, Time
 from cosim.web.air import GLOW_S, MOST_FRAMES, RecentAir, StoredAir
 from cosim.web.air import Frame as Shown
 from cosim.web.messages import Plain, Seek, Speed, Step
 from cosim.web.recorded import Recorded
 from cosim.web.scenes import scene_of, write_scene
-from cosim.web.spans import Spans
+from cosim.web.spans import FiledSpans, Spans
 from tests.web.browser import Browser, tab
 from tests.web.served import Served
 
@@ -169,15 +170,19 @@ def test_spans_are_found_whatever_their_length():
     draws = np.random.default_rng(1)
     starts = np.sort(draws.integers(0, 10**6, 20_000))
     ends = starts + np.where(draws.random(20_000) < 0.001, 10**6, draws.integers(0, 50, 20_000))
-    spans = Spans(starts, ends)
-    for time in [0, 10**6, *draws.integers(0, 2 * 10**6, 50).tolist()]:
-        for longer in (0, 1000):
+    edges = [0, 7000, 7001, 15_000, 20_000]
+    parts = [Spans(starts[a:b], ends[a:b]) for a, b in pairwise(edges)]
+    spans = FiledSpans(edges[1:], lambda at: parts[at])
+    assert (len(spans), spans.last) == (20_000, ends.max())
+    for time in [0, 10**6, *starts[[6999, 7000, 7001]].tolist(), *draws.integers(0, 2 * 10**6, 50).tolist()]:
+        assert spans.begun(time) == (starts <= time).sum()
+        for longer in (0, 1000, 400_000):
             expected = np.flatnonzero((starts <= time) & (time < ends + longer))
             assert np.array_equal(spans.at(time, longer), expected)
 
 
 def test_a_run_under_way_shows_what_a_recorded_one_does(folder: Path, frames: pd.DataFrame):
-    stored, recent = StoredAir(StoredTable(folder / "frames.parquet")), RecentAir()
+    stored, recent = StoredAir(TableFile(folder / "frames.parquet")), RecentAir()
     rows = frames.sort_values("end_ns", kind="stable").to_dict("records")
     time = int(frames.end_ns.iloc[-1]) + 1
     for row in rows:

@@ -22,6 +22,7 @@ from cosim.web.history import Cursor
 from cosim.web.live import Live
 from cosim.web.messages import Plain, Wish
 from cosim.web.server import MOST_PAGES, STATIC, listening
+from cosim.web.timeline import NO_TIMELINE, Timeline
 from protocols.deployment.operator.page import PAGE as PLAYBOOK
 from tests.web.console import PLAIN
 from tests.web.served import Served, next_of, until_closed
@@ -195,6 +196,7 @@ class Loud:
     """A session that has half a megabyte to say whenever it is asked, and says when it was."""
 
     scene: ClassVar[Plain] = {}
+    timeline: ClassVar[Timeline] = NO_TIMELINE
 
     def __init__(self) -> None:
         self.looked = 0

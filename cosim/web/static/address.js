@@ -1,37 +1,53 @@
-// What a page shows, as kept in its address after the #: another visit, or another person, sees the same.
+// What of the page's state is in its address, after the #, so that a link shows the same: names and values.
 
-const WRITE_MS = 300; // browsers refuse to change an address more often than a few times a second
+const WAIT_MS = 250; // browsers refuse to change the address too often
 
-/** Names and values after the # of the address; each part of a page has names of its own. */
-export class Address {
-  constructor() {
-    this.values = new Map(new URLSearchParams(location.hash.slice(1)));
-    this.timer = 0;
+const pending = new Map();
+let timer = 0;
+
+/** The value of a name in the address; null if it is not there. */
+export function read(name) {
+  return new URLSearchParams(location.hash.slice(1)).get(name);
+}
+
+/** Change values in the address, soon; null takes a name out. Names that are not named stay as they are. */
+export function write(changes) {
+  for (const [name, value] of Object.entries(changes)) {
+    const text = value === null || value === undefined ? null : String(value);
+    if (read(name) === text) pending.delete(name);
+    else pending.set(name, text);
   }
+  if (!pending.size) return;
+  timer ||= setTimeout(put, WAIT_MS);
+}
 
+function put() {
+  timer = 0;
+  const values = new URLSearchParams(location.hash.slice(1));
+  for (const [name, value] of pending) {
+    if (value === null) values.delete(name);
+    else values.set(name, value);
+  }
+  pending.clear();
+  const hash = values.toString().replaceAll("%2C", ",");
+  history.replaceState(null, "", `${location.pathname}${location.search}${hash ? `#${hash}` : ""}`);
+}
+
+/** The same for a part of the page that keeps several values. */
+export class Address {
   /** The value of a name, or null. */
   get(name) {
-    return this.values.get(name) ?? null;
+    return read(name);
   }
 
   /** The value of a name as a number, or null if it is none. */
   number(name) {
-    const value = Number(this.values.get(name) || NaN);
+    const value = Number(read(name) || NaN);
     return Number.isFinite(value) ? value : null;
   }
 
   /** Keep a value; null: none. */
   put(name, value) {
-    const text = value === null ? undefined : String(value);
-    if (this.values.get(name) === text) return;
-    if (text === undefined) this.values.delete(name);
-    else this.values.set(name, text);
-    this.timer ||= setTimeout(() => this.write(), WRITE_MS);
-  }
-
-  write() {
-    this.timer = 0;
-    const words = [...this.values].map(([name, value]) => `${name}=${encodeURIComponent(value).replaceAll("%2C", ",")}`);
-    history.replaceState(null, "", words.length ? `#${words.join("&")}` : location.pathname + location.search);
+    write({ [name]: value });
   }
 }

@@ -18,10 +18,11 @@ export const find = (id) => document.getElementById(id);
 /** What the pages share; each takes messages, and shows more, by functions of its own. */
 export class Page {
   /**
-   * @param {{take: (message: object) => void, show: (now: object) => void, lost?: (why: string) => void}} own
-   *   take a message, show the latest moment, note that the connection is lost
+   * @param {{take: (message: object) => void, show: (now: object) => void, lost?: (why: string) => void,
+   *   bytes?: (buffer: ArrayBuffer) => void}} own
+   *   take a message, show the latest moment, note that the connection is lost, take a binary message
    */
-  constructor({ take, show, lost = () => {} }) {
+  constructor({ take, show, lost = () => {}, bytes = () => {} }) {
     this.show_own = show;
     this.lost_own = lost;
     this.run = new Run();
@@ -30,7 +31,12 @@ export class Page {
     this.layers = new Layers(find("legend"), this.address, () => this.show_soon());
     this.tools = new Tools(this.floor, this.address);
     this.table = new Table(this.floor);
-    this.connection = new Connection({ message: take, opened: () => this.trouble(""), lost: (why) => this.lost(why) });
+    this.connection = new Connection({
+      message: take,
+      bytes,
+      opened: () => this.trouble(""),
+      lost: (why) => this.lost(why),
+    });
     this.transport = new Transport(find("transport"), (message) => this.connection.send(message));
     this.fault_timer = 0;
     this.asked = false;

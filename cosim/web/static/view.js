@@ -2,12 +2,21 @@
 
 import { Events, Robots, show_metrics } from "./lists.js";
 import { Page, find } from "./page.js";
+import { Lights } from "./timeline/lights.js";
+import { Timeline } from "./timeline/timeline.js";
 
-const page = new Page({ take, show });
+const page = new Page({ take, show, bytes: (buffer) => timeline.take_bytes(buffer) });
 const { run, floor } = page;
 const robots = new Robots(find("robots"), floor, (robot) => page.select(robot));
 const filters = { text: find("filter"), kind: find("kind"), robot: find("of-robot") };
 const events = new Events(find("events"), filters, { floor, address: page.address, select: (robot) => page.select(robot) });
+const lights = new Lights(floor);
+const timeline = new Timeline(find("timeline"), {
+  send: (message) => page.connection.send(message),
+  seek: (time_s) => page.transport.seek(time_s),
+  select: (robot) => page.select(robot),
+  light: (robots) => lights.show(robots),
+});
 
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") page.select(null);
@@ -21,7 +30,7 @@ function take(message) {
     find("result").hidden = false;
     show_metrics(find("metrics").tBodies[0], message.metrics);
   }
-  if (!run.take(message)) return undefined;
+  if (timeline.take(message) || !run.take(message)) return undefined;
   if (message.say === "scene") begin(message);
   else page.show_soon();
   return undefined;
@@ -30,6 +39,7 @@ function take(message) {
 function begin(scene) {
   document.title = `${scene.name} – cosim`;
   find("result").hidden = true;
+  timeline.begin(scene);
   events.begin(scene);
   events.seek = scene.live ? null : (time_s) => page.transport.seek(time_s);
   const about = [scene.protocol, scene.channel && `channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`];
@@ -38,6 +48,7 @@ function begin(scene) {
 
 function show(now) {
   robots.show(now.robots, floor.selected, run.doing);
+  timeline.now(now.time_s, floor.selected);
   events.show(run.events, floor.selected);
   const { frames, lost, unshown, left_out } = run.counts;
   const words = [`${frames} frames seen, ${lost} of them not received`];
