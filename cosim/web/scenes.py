@@ -14,6 +14,7 @@ from cosim.errors import UserError
 from cosim.scenario import Scenario
 from cosim.units import SLOT, Time
 from cosim.web.messages import Plain
+from cosim.web.reach import radios_of
 from cosim.world.floorplan import Floorplan
 
 FILE: Final = "scene.json"
@@ -36,6 +37,8 @@ def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
         "base_m": _base(scenario, floor),
         "radii_m": [body.radius_m for body in scenario.team.bodies],
         "slot_ns": _slot(scenario.channel),
+        "wall_losses_db": np.round(floor.wall_loss_db, 3).tolist(),
+        "radios": radios_of(scenario.channel, scenario.team),
     }
 
 

@@ -1,6 +1,7 @@
 // The floor itself as it is painted: its extent, what is solid, walls, the base, and the places that have names.
 
 const MOST_POINTS = 40; // of a name, that are dotted
+const LONG_PX = 44; // as long is a wall that its loss is written beside
 const LOSS_DB = 0.5; // a wall that takes less is not told of
 
 /** Paint the floor, which everything else stands on. */
@@ -40,11 +41,13 @@ function paint_losses(pen, floor, { walls_m, wall_losses_db = [] }) {
   const taken = [];
   walls_m.forEach(([x1, y1, x2, y2], wall) => {
     const loss_db = wall_losses_db[wall] ?? 0;
-    const [x, y] = floor.place([(x1 + x2) / 2, (y1 + y2) / 2]);
-    if (loss_db < LOSS_DB || Math.hypot(x2 - x1, y2 - y1) * floor.scale < 34) return;
-    if (taken.some(([other_x, other_y]) => Math.abs(other_x - x) < 36 && Math.abs(other_y - y) < 14)) return;
+    const upright = Math.abs(y2 - y1) > Math.abs(x2 - x1);
+    const [middle_x, middle_y] = floor.place([(x1 + x2) / 2, (y1 + y2) / 2]);
+    const [x, y] = upright ? [middle_x + 22, middle_y + 3] : [middle_x, middle_y - 5]; // beside the wall
+    if (loss_db < LOSS_DB || Math.hypot(x2 - x1, y2 - y1) * floor.scale < LONG_PX) return;
+    if (taken.some(([other_x, other_y]) => Math.abs(other_x - x) < 60 && Math.abs(other_y - y) < 30)) return;
     taken.push([x, y]);
-    floor.text(pen, `${Number(loss_db.toFixed(1))} dB`, [x, y + 3], floor.colours.quiet, floor.colours.floor);
+    floor.text(pen, `${Number(loss_db.toFixed(1))} dB`, [x, y], floor.colours.quiet, floor.colours.floor);
   });
 }
 

@@ -79,6 +79,6 @@ function entries_of({ scene, had }, extra) {
     had.has("route") && ["routes", "⇢ routes", "routes of the chosen robot"],
     marks.length && ["marks", marks.join(" "), "places that events name"],
     faults.length && ["jammers", faults.join(" "), "what faults have put on the floor"],
-    scene.ranges && ["ranges", "◍ range", "how far the chosen robot is heard"],
+    scene.radios?.length && ["ranges", "◍ range", "how far the chosen robot is heard, and what walls cost"],
   ].filter(Boolean);
 }

@@ -4,6 +4,7 @@ import { Address } from "./address.js";
 import { Connection } from "./connection.js";
 import { Floor } from "./floor.js";
 import { Layers } from "./layers.js";
+import { Ranges } from "./ranges.js";
 import { Run } from "./run.js";
 import { Table } from "./table.js";
 import { Tools } from "./tools.js";
@@ -32,11 +33,12 @@ export class Page {
     this.tools = new Tools(this.floor, this.address);
     this.table = new Table(this.floor);
     this.connection = new Connection({
-      message: take,
+      message: (message) => (this.ranges.take(message) ? undefined : take(message)),
       bytes,
       opened: () => this.trouble(""),
       lost: (why) => this.lost(why),
     });
+    this.ranges = new Ranges(this.floor, (message) => this.connection.send(message));
     this.transport = new Transport(find("transport"), (message) => this.connection.send(message));
     this.fault_timer = 0;
     this.asked = false;
@@ -54,6 +56,7 @@ export class Page {
     find("about").textContent = about.filter(Boolean).join(", ");
     this.transport.begin(scene);
     this.legend = legend;
+    this.ranges.forget();
     const robot = this.address.number("robot");
     this.floor.selected = robot !== null && scene.radii_m[robot] !== undefined ? robot : null;
     this.tools.restore();
@@ -87,6 +90,7 @@ export class Page {
     this.transport.show(now);
     this.layers.show(this.run, this.legend);
     this.keep_time(now);
+    this.ranges.ask();
     this.show_own(now);
     if (this.describing) return;
     const wait_ms = Math.max(0, this.described_ms + DESCRIBE_MS - performance.now());
