@@ -33,6 +33,7 @@ class Cursor(NamedTuple):
     doing: Hashable = None
     operator: int = 0
     ended: bool = False
+    run: int = 0
 
 
 class Moment(NamedTuple):

@@ -22,7 +22,7 @@ from cosim.units import S, Time, to_seconds
 from cosim.web.activity import PresentActivity
 from cosim.web.air import Frame, RecentAir
 from cosim.web.history import DOWN, MOST_OF_KIND, UP, Cursor, History, Moment, places
-from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
+from cosim.web.messages import Again, Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
 from cosim.web.rows import Rolling, Row
 from cosim.web.scenes import scene_of
@@ -195,12 +195,19 @@ class Live:
         return self._thread.is_alive()
 
     @property
+    def state(self) -> str:
+        """What the run is doing, as pages were told last."""
+        return self._moment.state
+
+    @property
     def _busy(self) -> bool:
         """True if the simulation's thread has published nothing for long."""
         return self.running and time.monotonic() - self._published_s > _BUSY_S
 
     def wish(self, wish: Wish) -> None:
         """Have the simulation's thread do what a page asks for; raise UserError, one line, if it cannot be done."""
+        if isinstance(wish, Again):
+            raise UserError("this run cannot begin anew")
         if isinstance(wish, Seek) or (isinstance(wish, Step) and wish.count < 1):
             raise UserError("this run is under way: it only goes on")
         if isinstance(wish, Step) and wish.by == "slot" and self._slot is None:

@@ -4,13 +4,14 @@ A message is one JSON object in one WebSocket text frame; its ``say`` is its kin
 
     {"say": "play"}  {"say": "pause"}  {"say": "speed", "speed": 2.5}  {"say": "step", "by": "tick", "count": 1}
     {"say": "seek", "time_s": 12.0}  {"say": "reach", "robot": 0, "x_m": 1.0, "y_m": 2.0}
-    {"say": "operator", "robot": 0, "data": {...}}
+    {"say": "operator", "robot": 0, "data": {...}}  {"say": "again"}
 
 To the page: ``scene`` (what does not change, and ``page``, a number that no other connection to the server has: all
 pages are sent what robots answer, and find their own answers by it), ``now`` (where everything is, and what has
 happened since the last one), ``operator`` (what a robot sends to its operator), ``ended`` (the metrics), ``missed``
-(how many answers a slow page was not sent), ``reach`` (see :mod:`cosim.web.reach`) and ``error`` (with ``why``, and
-the ``data`` that therefore no robot receives, so that the page does not wait for an answer).
+(how many answers a slow page was not sent), ``reach`` (see :mod:`cosim.web.reach`), ``again`` (a new run has begun: the
+page is to connect again) and ``error`` (with ``why``, and the ``data`` that therefore no robot receives, so that the
+page does not wait for an answer).
 """
 
 import json
@@ -74,6 +75,12 @@ class Operate(Settings):
     data: dict[str, JsonValue]
 
 
+class Again(Settings):
+    """Begin a run anew that has ended."""
+
+    say: Literal["again"]
+
+
 class AskReach(Settings):
     """Ask how far a robot is heard from a place of the floor."""
 
@@ -83,7 +90,7 @@ class AskReach(Settings):
     y_m: float = Field(ge=-1e6, le=1e6)
 
 
-Wish: TypeAlias = Play | Pause | Step | Speed | Seek | Operate
+Wish: TypeAlias = Play | Pause | Step | Speed | Seek | Operate | Again
 """What a page may ask for."""
 
 Asked: TypeAlias = Wish | AskReach | Question

@@ -17,7 +17,7 @@ from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import StoredActivity
 from cosim.web.air import StoredAir
 from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
-from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
+from cosim.web.messages import Again, Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
 from cosim.web.rows import Counted, Row, Stored
 from cosim.web.scenes import read_scene
@@ -94,6 +94,8 @@ class Recorded:
                 self._pace.change(speed, wall)
             case Seek(time_s=seconds):
                 self._jump(from_seconds(seconds), wall)
+            case Again():
+                raise UserError("this run is a recorded one: go back to its beginning instead")
             case Operate():
                 raise UserError("this run is a recorded one: nobody hears its operator")
 

@@ -8,6 +8,7 @@ import { paint_frames, paint_jammers, paint_links, paint_routes, paint_searches,
 const ROBOT_COLOURS = 10;
 const SHAPES = ["circle", "square", "diamond", "triangle"]; // the first ten robots are circles, and so on
 const MARGIN_PX = 22;
+const TOP_PX = 38; // of it above, where the buttons are
 const LABEL_PX = 16;
 const DIGIT_PX = 7;
 const NEAR_PX = 14; // a click as near to something as this is a click on it
@@ -140,11 +141,11 @@ export class Floor {
     const width_m = Math.max(x_max - x_min, 0.1);
     const height_m = Math.max(y_max - y_min, 0.1);
     const wide = (clientWidth - 2 * MARGIN_PX) / width_m;
-    const high = (clientHeight - 2 * MARGIN_PX) / height_m;
+    const high = (clientHeight - MARGIN_PX - TOP_PX) / height_m;
     this.scale = Math.max(1e-3, Math.min(wide, high)) * this.lens.zoom;
     const [x, y] = this.lens.centre ?? [(x_min + x_max) / 2, (y_min + y_max) / 2];
     this.left = clientWidth / 2 - x * this.scale;
-    this.top = clientHeight / 2 + y * this.scale;
+    this.top = clientHeight / 2 + y * this.scale + (this.lens.centre ? 0 : (TOP_PX - MARGIN_PX) / 2);
     this.draw();
   }
 

@@ -33,7 +33,7 @@ export class Page {
     this.tools = new Tools(this.floor, this.address);
     this.table = new Table(this.floor);
     this.connection = new Connection({
-      message: (message) => (this.ranges.take(message) ? undefined : take(message)),
+      message: (message) => this.take(message, take),
       bytes,
       opened: () => this.trouble(""),
       lost: (why) => this.lost(why),
@@ -48,6 +48,12 @@ export class Page {
     this.sought = false; // whether it has gone to the time in its address
     globalThis.cosim = Object.freeze({ seen: () => this.seen() }); // for tests, and who is curious: it changes nothing
     find("reconnect").addEventListener("click", () => this.connection.connect());
+  }
+
+  /** Take a message, or pass it on to what this page has of its own. */
+  take(message, own) {
+    if (message.say === "again") this.connection.connect(); // another run has begun
+    else if (!this.ranges.take(message)) own(message);
   }
 
   /** Take the scene: the connection is new, and perhaps the run. */

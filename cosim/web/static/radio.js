@@ -3,6 +3,7 @@
 import { radius_px } from "./bodies.js";
 
 const MOST_WORDS = 8; // frames whose types are written beside them
+const NEAR_PX = 40;
 const HALO_PX = 5;
 
 /** Paint the links as stars around masters, in the masters' colours, and return those that are painted. */
@@ -115,6 +116,7 @@ function paint_kind(pen, floor, { source, destination, kind, channel, start_s, g
   written.add(key);
   const [x, y] = floor.place(robots[source]);
   const [to_x, to_y] = robots[destination] ? floor.place(robots[destination]) : [x, y - 60];
+  if (robots[destination] && Math.hypot(to_x - x, to_y - y) < NEAR_PX) return; // there is no room
   const words = channel >= 0 ? `${kind} k${channel}` : kind;
   pen.globalAlpha = 1;
   floor.text(pen, words, [(x + to_x) / 2, (y + to_y) / 2 - 5], good ? floor.colours.accent : floor.colours.bad, floor.colours.floor);

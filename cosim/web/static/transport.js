@@ -47,6 +47,7 @@ export class Transport {
   begin(scene) {
     this.live = scene.live;
     this.duration_s = scene.duration_s;
+    this.again = Boolean(scene.again);
     this.endless = Boolean(scene.attended); // it lasts as long as its operator wants
     this.slider.hidden = this.endless;
     this.slider.max = scene.duration_s;
@@ -64,10 +65,14 @@ export class Transport {
     this.shown = now;
     if (now.state !== "busy") this.state = now.state; // else the next state follows when it is no longer busy
     const playing = this.state === "playing";
-    draw_sign(this.play, playing ? "pause" : "play");
-    this.play.setAttribute("aria-label", playing ? "Pause" : "Play");
     const over = this.live && (now.state === "ended" || now.state === "failed");
-    this.play.disabled = this.step.disabled = over;
+    this.over = over && this.again;
+    draw_sign(this.play, playing ? "pause" : this.over ? "again" : "play");
+    const words = playing ? "Pause" : this.over ? "Begin anew" : "Play";
+    this.play.setAttribute("aria-label", words);
+    this.play.title = `${words} (Space)`;
+    this.play.disabled = over && !this.again;
+    this.step.disabled = over;
     if (this.wanted_s === null) this.slider.value = now.time_s;
     const text = `${now.time_s.toFixed(this.decimals())} s`;
     const whole = this.endless ? "" : ` of ${this.duration_s.toFixed(1)} s`;
@@ -110,7 +115,7 @@ export class Transport {
   }
 
   toggle() {
-    this.send({ say: this.state === "playing" ? "pause" : "play" });
+    this.send({ say: this.over ? "again" : this.state === "playing" ? "pause" : "play" });
   }
 
   /** Seek another time, but not more often than SEEK_MS. */
@@ -163,6 +168,7 @@ const SIGNS = {
   back: "M11 3v10L4 8z M12.5 3H14v10h-1.5z",
   play: "M4 2.5v11L13 8z",
   pause: "M4 3h3v10H4z M9 3h3v10H9z",
+  again: "M8 2.5a5.5 5.5 0 1 0 5.5 5.5h-2A3.5 3.5 0 1 1 8 4.5V7l4.5-3.5L8 0z",
   step: "M5 3v10l7-5z M2 3h1.5v10H2z",
   end: "M11 3h2v10h-2z M3 3v10l7-5z",
 };
