@@ -1,4 +1,4 @@
-"""The floor as its users meet it: colours for all eyes, layers, what the address keeps, ranges, a run that begins anew."""
+"""The floor as its users meet it: colours for all eyes, layers, what the address keeps, ranges; a run begun anew."""
 
 import json
 import re
@@ -77,7 +77,7 @@ def test_robots_stand_out_from_the_floor(scheme: str):
 
 # ---------------------------------------------------------------- ranges
 
-WALLS = [[4, 0, 4, 5], [6, 2, 9, 6], [0, 7, 12, 7]]
+WALLS = [[4.6, 0, 4.6, 5], [7, 2, 9, 6], [0, 7, 12, 7]]
 
 
 def scene(channel: dict[str, Any], **team: Any) -> dict[str, Any]:
@@ -129,7 +129,7 @@ def test_light_ends_at_walls_and_where_one_sees_no_farther():
     far = np.hypot(*(places - [3.0, 3.0]).T)
     assert not heard[far > 5.0].any()
     assert heard[(far < 5.0) & (places[:, 0] < 3.9) & (places[:, 1] < 6.9)].all()
-    assert not heard[(places[:, 0] > 4.0) & (places[:, 1] < 3.0)].any()  # behind the first wall
+    assert not heard[(places[:, 0] > 4.7) & (places[:, 1] < 3.0)].any()  # behind the first wall
 
 
 def test_a_reach_is_a_disc_of_that_radius():
@@ -141,10 +141,10 @@ def test_a_reach_is_a_disc_of_that_radius():
 
 def test_a_robot_has_the_ranges_of_its_own_radios():
     radios = [{"kind": "adhoc", "range_m": 5}, {"kind": "ideal", "range_m": 9}]
-    team = {"groups": [{"size": 1, "radios": [0, 1]}, {"size": 2, "radios": [1]}]}
+    team = {"groups": [{"size": 1, "radios": [0, 1]}, {"size": 2, "radios": [0]}]}
     told = scene({"kind": "radios", "radios": radios}, **team)
     ranges = [[(each["radio"], each["range_m"]) for each in reach(told, robot, (1, 1))["radios"]] for robot in (0, 2)]
-    assert ranges == [[(0, 5.0), (1, 9.0)], [(1, 9.0)]]
+    assert ranges == [[(0, 5.0), (1, 9.0)], [(0, 5.0)]]
 
 
 def test_a_page_is_answered_how_far_a_robot_is_heard(folder: Path):
@@ -286,7 +286,7 @@ def test_an_address_that_means_nothing_shows_all_as_usual(opened: Any):
 @pytest.mark.slow
 def test_a_layer_that_is_off_is_not_painted(opened: Any):
     page = opened
-    page.locator("#scrub").fill("2.0")
+    page.locator("#scrub").fill("1.2")
     until(page, "cosim.seen().frames.length > 0")
     page.locator("#legend button[data-layer=frames]").focus()
     page.keyboard.press("Enter")
