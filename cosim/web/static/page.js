@@ -130,6 +130,7 @@ export class Page {
   show_state({ state, why }) {
     const pill = find("state");
     const words = state === "failed" ? `failed: ${why}` : state;
+    pill.title = state === "busy" ? "The simulation computes, and the first time it compiles its kernels: wait for it." : "";
     if (pill.textContent !== words) pill.textContent = words;
     pill.classList.toggle("failed", state === "failed");
   }
