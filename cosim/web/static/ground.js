@@ -24,7 +24,7 @@ export function paint_ground(pen, floor) {
 export function paint_walls(pen, floor, losses) {
   const { scene } = floor.run;
   pen.strokeStyle = floor.colours.wall;
-  pen.lineWidth = 1.6;
+  pen.lineWidth = 2;
   pen.beginPath();
   for (const [x1, y1, x2, y2] of scene.walls_m) {
     pen.moveTo(...floor.place([x1, y1]));
