@@ -84,6 +84,14 @@ def linked(folder: Path, time: Time) -> set[tuple[str, int, int]]:
     return {(row.detail, row.source, row.peer) for row in last.itertuples() if row.event == "Connected"}
 
 
+def changes(folder: Path) -> list[Time]:
+    """Return when links come and go, and the instants just before."""
+    intervals, news = (pd.read_parquet(folder / f"{name}.parquet") for name in ("intervals", "links"))
+    own = intervals[intervals.state.isin(["master", "slave"])]
+    at = {*own.start_ns, *own.end_ns, *news[news.event.isin(["Connected", "Lost"])].time_ns} - {own.end_ns.max()}
+    return [int(time) + before for time in at for before in (-1, 0)]
+
+
 def test_after_a_hundred_seeks_all_is_shown_that_was_in_the_air(paused: Recorded, frames: pd.DataFrame):
     flying = 0
     for time in moments(frames):
@@ -110,7 +118,7 @@ def test_after_a_hundred_seeks_all_links_are_shown_that_there_were(
     paused: Recorded, folder: Path, frames: pd.DataFrame
 ):
     seen = set()
-    for time in moments(frames):
+    for time in (*moments(frames), *changes(folder)):
         told = seek(paused, time)
         shown = {
             (state, robot, int(detail.split("=")[1].split()[0]))
