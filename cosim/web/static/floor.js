@@ -8,7 +8,7 @@ import { paint_frames, paint_jammers, paint_links, paint_routes, paint_searches,
 const ROBOT_COLOURS = 10;
 const SHAPES = ["circle", "square", "diamond", "triangle"]; // the first ten robots are circles, and so on
 const MARGIN_PX = 22;
-const TOP_PX = 38; // of it above, where the buttons are
+const TOP_PX = 44; // of it above, where the buttons are
 const LABEL_PX = 16;
 const DIGIT_PX = 7;
 const NEAR_PX = 14; // a click as near to something as this is a click on it
