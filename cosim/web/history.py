@@ -24,15 +24,15 @@ UP: Final = frozenset({"Rebooted"})
 
 
 class Cursor(NamedTuple):
-    """What a page has been sent: the number of jumps in time, and of rows."""
+    """What a page has been sent: of which run, the number of jumps in time, and of rows; what robots were doing."""
 
     jumps: int
     frames: int
     events: int
     shown: tuple[Any, ...]
-    doing: Hashable = None
     operator: int = 0
     ended: bool = False
+    doing: Hashable = None
     run: int = 0
 
 

@@ -158,8 +158,8 @@ def test_a_robot_can_be_selected_in_the_list_and_on_the_floor(browser: Browser, 
             "() => [...document.querySelectorAll('#events li')].some(row => / 0 /.test(row.textContent))"
         )
         box = page.locator("#floor").bounding_box()
-        scale = min((box["width"] - 44) / 12, (box["height"] - 44) / 8)
-        across, up = box["width"] / 2 + (4 - 6) * scale, box["height"] / 2 - (2 - 4) * scale
+        scale = min((box["width"] - 44) / 12, (box["height"] - 66) / 8)  # buttons are above
+        across, up = box["width"] / 2 + (4 - 6) * scale, box["height"] / 2 + 11 - (2 - 4) * scale
         page.mouse.click(box["x"] + across, box["y"] + up)  # robot 1 stands at 4, 2
         page.wait_for_function(
             "() => document.querySelectorAll('#robots button')[1].getAttribute('aria-pressed') === 'true'"

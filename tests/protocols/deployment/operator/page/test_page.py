@@ -71,8 +71,8 @@ def test_places_are_clicked_on_the_floor_named_or_typed(page: Any, consoles: Con
     page.click("#form .pick")
     assert "Click on the floor: places" in page.inner_text("#hint")
     box = page.locator("#floor").bounding_box()
-    scale = min((box["width"] - 44) / 12, (box["height"] - 44) / 8)
-    page.mouse.click(box["x"] + box["width"] / 2 + scale, box["y"] + box["height"] / 2 - 2 * scale)  # 7, 6
+    scale = min((box["width"] - 44) / 12, (box["height"] - 66) / 8)  # buttons are above
+    page.mouse.click(box["x"] + box["width"] / 2 + scale, box["y"] + box["height"] / 2 + 11 - 2 * scale)  # 7, 6
     page.mouse.click(box["x"] + 3, box["y"] + 3)  # off the floor
     page.keyboard.press("Escape")
     assert page.is_hidden("#hint")
