@@ -43,6 +43,7 @@ export class Timeline {
     this.selected = null; // robot
     this.row = null; // the lane that keys are about
     this.dirty = new Set();
+    this.blank = 0; // pictures with a part of which nothing was known
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
     this.axis = new Axis(() => this.moved());
     this.windows = new Windows((message) => page.send(message), () => this.draw());
@@ -60,6 +61,7 @@ export class Timeline {
       complete: () => this.windows.complete && this.dirty.size === 0,
       window: () => ({ from_ns: this.axis.from_ns, to_ns: this.axis.to_ns, width_px: this.axis.width_px }),
       pinned: () => this.finder.pinned,
+      blank: () => this.blank,
       place: (box) => this.box_place(box),
     });
   }
@@ -257,7 +259,9 @@ export class Timeline {
     const { axis, rows, kinds, origin_ns, wifi, selected } = this;
     this.focused = document.activeElement === this.overlay;
     if (all) {
-      const seen = { axis, rows, layers: this.windows.layers(this.wish), top: this.scroll_px, height: this.stage_px };
+      const layers = this.windows.layers(this.wish);
+      this.blank += Number(!layers.some((each) => each.begin_ns <= axis.from_ns && each.end_ns >= Math.min(axis.to_ns, axis.last_ns)));
+      const seen = { axis, rows, layers, top: this.scroll_px, height: this.stage_px };
       this.painter.paint(this.pen(this.content), { ...seen, origin_ns, wifi, lit: selected });
     }
     const ruler = this.pen(this.ruler);
