@@ -4,7 +4,7 @@ const HEIGHTS_PX = { states: 14, sent: 17, received: 17, broadcasts: 14, message
 const FURTHER_PX = 12; // of a lane that holds what overlaps the boxes of another one
 const GAP_PX = 6;
 const LEAST_GROUP_PX = 26;
-const CHANNELS = 79;
+export const CHANNELS = 79;
 const LEAST_CHANNEL_PX = 3;
 
 /** The rows of the lanes that are shown. */
