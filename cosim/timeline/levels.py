@@ -46,7 +46,7 @@ class Cells(NamedTuple):
     """Neighbouring cells, in columns."""
 
     codes: Array
-    """uint16: the kind with the greatest share of time, then of boxes, then the lowest code; a lost one before others"""
+    """uint16: the kind that covers most of it, or else of which most boxes begin there; kinds of lost boxes first"""
     shares: Array
     """uint8: what part of the cell all its boxes cover, 255 for all of it or more; at least 1 if any does"""
     lost: Array
@@ -167,16 +167,16 @@ def cells_of(entries: Entries, shift: int, first: int, count: int) -> Cells:
     touched = np.bincount(keys, minlength=count * width).reshape(shape) > 0
     bad = np.bincount(keys, entries.lost, count * width).reshape(shape) > 0
     lost = bad.any(axis=1)
-    eligible = np.where(lost[:, None], bad, touched)
+    eligible: Array = np.where(lost[:, None], bad, touched)
     longest = np.where(eligible, times, -1.0)
-    eligible &= longest == longest.max(axis=1, keepdims=True)
+    eligible = np.logical_and(eligible, longest == longest.max(axis=1, keepdims=True))
     best = np.where(eligible, begun, -1.0).argmax(axis=1)
     codes = np.full(count, NO_KIND, dtype=np.uint16)
-    there = touched.any(axis=1)
+    there: Array = touched.any(axis=1)
     if len(used):
         codes[there] = used[best[there]]
     covered = times.sum(axis=1)
-    shares = np.minimum(255, np.ceil(covered * (255 / (1 << shift)))).astype(np.uint8)
+    shares: Array = np.ceil(covered * (255 / (1 << shift))).clip(max=255).astype(np.uint8)
     return Cells(codes, shares, lost.astype(np.uint8), begun.sum(axis=1).astype(np.uint32))
 
 

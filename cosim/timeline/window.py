@@ -47,7 +47,7 @@ def window(lanes: Sequence[Lane], start: Time, end: Time, step: Time, lost: Arra
 
 def _count(lane: Lane, start: Time, end: Time) -> int:
     span = lane.span(start, end)
-    return span.stop - span.start + len(lane.under_way.starts)
+    return int(span.stop) - int(span.start) + len(lane.under_way.starts)
 
 
 def cells(lane: Lane, shift: int, first: int, end: int, lost: Array) -> Cells:
