@@ -6,9 +6,12 @@ from typing import Any
 
 import pytest
 
+from cosim.scenario import Scenario
 from cosim.units import MS, SLOT, S
+from cosim.web.live import Live
 from cosim.web.recorded import Recorded
 from tests.web.browser import GRAVE, Browser, axe, pixels, tab
+from tests.web.console import PLAIN
 from tests.web.drawn import END, LOST, PAYLOAD, PHASE, SENTENCE, Frame, write_trace
 from tests.web.served import Served
 
@@ -276,12 +279,13 @@ def test_a_pinned_frame_tells_all_that_the_trace_has(page: Any):
     assert fields["time_ns"] == str(LOST)
     assert fields["duration_ns"] == "366000"
     expected = {"source": "0", "destination": "2", "kind": "DM1", "channel": "41", "lt_addr": "2", "length": "11"}
-    assert expected | {"outcome": "bit_errors", "part": "payload"} == {
-        name: fields[name] for name in [*expected, "outcome", "part"]
-    }
+    assert {name: fields[name] for name in expected} == expected
     text = page.inner_text(".tl-pin")
-    assert "4.5 dB" in text
-    assert "-62.0 dBm" in text
+    assert page.locator(".tl-pin table").first.locator("tbody td").all_inner_texts() == [
+        "lost: payload",
+        "4.5 dB",
+        "-62.0 dBm",
+    ]
     assert "hello robot" in text  # its bytes as letters
     assert " ".join(PAYLOAD[at : at + 2] for at in range(0, len(PAYLOAD), 2)) in text
 
@@ -323,6 +327,59 @@ def test_a_hovered_frame_lights_its_robots_on_the_floor(page: Any):
     page.mouse.move(0, 0)
     page.wait_for_timeout(100)
     assert pixels(page, "accent") == before
+
+
+def test_by_channel_each_frame_stands_at_its_channel(page: Any, drawn: Any):
+    look(page, 5 * S, 5 * S + 300 * MS)
+    press(page, "c")
+    boxes = page.evaluate(f"{LINE}.boxes()")
+    rows = [row for row in drawn[1] if row.start + row.duration >= 5 * S and row.start < 5 * S + 300 * MS]
+    assert sorted(box["start_ns"] for box in boxes) == sorted(row.start for row in rows)
+    channels = {row.start: row.channel for row in rows}
+    stage = page.locator(".tl-overlay").bounding_box()
+    for box in boxes[:8]:
+        assert box["what"] == "channel"
+        _, y = page.evaluate(f"box => {LINE}.place(box)", box)
+        high = 79 * (1 - (y - stage["y"]) / stage["height"])
+        assert high == pytest.approx(channels[box["start_ns"]] + 0.5, abs=0.5)
+    press(page, "l")
+    told(page, SENTENCE)
+    press(page, "c")
+    assert {box["what"] for box in page.evaluate(f"{LINE}.boxes()")} >= {"sent", "received"}
+    page.wait_for_function("() => !location.hash.includes('channels')")
+
+
+def test_a_loss_is_found_once_and_for_one_robot_only_if_it_is_its(page: Any):
+    press(page, "ArrowDown", "r")  # only what is of this robot
+    told(page, "Finding only what is of robot 0")
+    press(page, "l")
+    told(page, SENTENCE)
+    press(page, "l")
+    told(page, "17.98")
+    press(page, "l")
+    told(page, "No further lost frame of robot 0.")
+
+
+def test_the_lost_part_is_hatched_and_the_rest_is_not(page: Any):
+    look(page, LOST - 50_000, LOST + 450_000)
+    [box] = [each for each in page.evaluate(f"{LINE}.boxes()") if each["kind"] == "DM1" and each["what"] == "received"]
+    _, y = page.evaluate(f"box => {LINE}.place(box)", box)
+    from_ns, to_ns, width_px = window(page)
+    top = page.locator(".tl-overlay").bounding_box()["y"]
+
+    def colours(at_ns: int) -> set[str]:
+        found: list[str] = page.evaluate(
+            """([x, y]) => {
+              const { data } = document.querySelector(".tl-content").getContext("2d").getImageData(x - 3, y, 7, 1);
+              return [...Array(7).keys()].map((at) => [...data.slice(4 * at, 4 * at + 3)].join(" "));
+            }""",
+            [round((at_ns - from_ns) / (to_ns - from_ns) * width_px), round(y - top) + 4],
+        )
+        return set(found)
+
+    assert len(colours(LOST + 36_000)) == 1  # the access code
+    assert colours(LOST + 36_000) == colours(LOST + 100_000)  # the header
+    assert len(colours(LOST + 300_000)) > 1  # the payload
 
 
 # ---------------------------------------------------------------- for everybody
@@ -373,3 +430,44 @@ def test_the_address_leads_to_the_same_window(page: Any):
     page.goto(address)
     page.wait_for_selector("#timeline:not([hidden])")
     assert window(page)[:2] == pytest.approx(shown[:2], abs=1)
+
+
+def test_the_timeline_can_have_most_of_the_page(page: Any):
+    usual = page.locator("#timeline").bounding_box()["height"]
+    page.click("#tl-tall")
+    assert page.locator("#timeline").bounding_box()["height"] > 1.5 * usual
+    page.click("#tl-tall")
+    assert page.locator("#timeline").bounding_box()["height"] == usual
+    page.locator(".tl-grip").press("ArrowUp")
+    assert page.locator("#timeline").bounding_box()["height"] > usual
+    page.locator(".tl-grip").press("ArrowDown")
+    grip = page.locator(".tl-grip").bounding_box()
+    page.mouse.move(grip["x"] + 400, grip["y"] + 4)
+    page.mouse.down()
+    page.mouse.move(grip["x"] + 400, grip["y"] - 96, steps=3)
+    page.mouse.up()
+    assert page.locator("#timeline").bounding_box()["height"] == pytest.approx(usual + 100, abs=6)
+
+
+# ---------------------------------------------------------------- under way
+
+
+def test_a_run_under_way_is_followed_until_one_looks_elsewhere(browser: Browser):
+    plain = PLAIN | {"protocol": {"use": "tests.web.console:SPEC", "parameters": {"calls": 1000}}, "duration_s": 1000}
+    session = Live(Scenario.model_validate(plain), 1, True, 20.0)
+    served = Served(session)
+    with tab(browser, served) as page:
+        page.wait_for_selector("#timeline:not([hidden])")
+        page.wait_for_function(f"() => {LINE}.window().from_ns > 2e9")
+        before = page.evaluate(f"{LINE}.window()")
+        assert before["to_ns"] - before["from_ns"] == pytest.approx(10e9)
+        page.locator(".tl-overlay").press("a")
+        moved = page.evaluate(f"{LINE}.window().from_ns")
+        page.wait_for_timeout(500)
+        assert page.evaluate(f"{LINE}.window().from_ns") == moved
+        page.wait_for_function(f"() => {LINE}.boxes().length > 0")
+        assert {box["kind"] for box in page.evaluate(f"{LINE}.boxes()") if box["what"] == "sent"} == {"IDEAL"}
+        page.click("#tl-follow")
+        page.wait_for_function(f"from => {LINE}.window().from_ns > from + 5e9", arg=moved)
+    served.stop()
+    session.close()

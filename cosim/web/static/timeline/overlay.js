@@ -63,7 +63,7 @@ function paint_box(pen, timeline, box, colour) {
   pen.strokeStyle = colour;
   pen.lineWidth = 1;
   pen.setLineDash([]);
-  const own = rows.by_lane.get(box.lane);
+  const own = rows.of(box);
   if (own) {
     for (const mate of others) {
       const row = rows.by_lane.get(mate.lane);

@@ -9,6 +9,7 @@ const LETTER_PX = 6.4;
 const LEAST_WORD_PX = 26;
 const THIN_PX = 6; // frames without a payload
 const INSET_PX = 3; // of what is not lost in a row of pixels
+const CHANNEL_GAP_PX = 0.5;
 const INSTANT_PX = 3; // what has no length
 const MOST_JOINED = 600;
 const JOIN_NS_PER_PX = 25_000; // hairlines only where frames have a visible length
@@ -41,13 +42,13 @@ export class Painter {
   }
 
   /** Draw one answer; *over*: in the place of a coarser one. */
-  paint_answer(pen, { axis }, visible, answer, over) {
+  paint_answer(pen, { axis, top, height }, visible, answer, over) {
     const left = Math.max(0, axis.place(answer.begin_ns));
     const right = Math.min(axis.width_px, axis.place(answer.end_ns));
     if (right <= left) return;
     pen.save();
     pen.beginPath();
-    pen.rect(left, visible[0]?.y ?? 0, right - left, 1e5);
+    pen.rect(left, top, right - left, height);
     pen.clip();
     const there = visible.filter((row) => answer.blocks.has(row.lane.lane));
     const parts = there.map((row) => ({ row, block: answer.blocks.get(row.lane.lane) }));
@@ -125,9 +126,10 @@ export class Painter {
 
   /** Top and height of a box: frames without a payload are thin, and stand on the line between sent and received. */
   extent(row, block, at) {
+    if (row.lane.what === "channel") return [row.y, Math.max(1, row.height - CHANNEL_GAP_PX)];
     const [y, height] = [row.y + 1, row.height - 2];
     const thin = this.kinds.is_idle(block.codes[at]) && !this.kinds.lost(block.outcomes[at]) && height > THIN_PX;
-    if (row.lane.what === "channel" || !thin) return [y, height];
+    if (!thin) return [y, height];
     return [row.lane.what === "received" ? y : y + height - THIN_PX, THIN_PX];
   }
 

@@ -17,6 +17,7 @@ import { paint_flags, paint_overlay } from "./overlay.js";
 import { Painter } from "./paint.js";
 import { Rows } from "./rows.js";
 import { paint_ruler } from "./ruler.js";
+import { Split } from "./split.js";
 import { Windows } from "./windows.js";
 
 const RULER_PX = 30;
@@ -112,6 +113,7 @@ export class Timeline {
     part("div", "legend");
     part("div", "listing", { tabIndex: 0, role: "region", "aria-label": "Table of the window" });
     this.listed = element("details", {}, element("summary", {}, "Table of the window"), this.listing);
+    this.split = new Split(this.root.parentElement);
     const groups = commands(this);
     this.controls = new Controls(this.bar, this.overlay, [...groups, []]);
     this.controls.keys.set("Enter", () => this.finder.enter()).set("Escape", () => this.finder.unpin());
@@ -122,7 +124,7 @@ export class Timeline {
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
     const side = element("div", { className: "tl-side" }, this.finder.panel, legend, this.listed, keys);
     const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller);
-    this.root.replaceChildren(this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
+    this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
     this.navigator = new Navigator(this.strip, this);
     new Gestures(this.overlay, this, false);
     new Gestures(this.ruler, this, true);
@@ -356,6 +358,13 @@ export class Timeline {
     this.controls.show();
   }
 
+  /** Give the timeline most of the page, or its usual part. */
+  stretch() {
+    this.split.toggle();
+    this.controls.show();
+  }
+
+  /** Show the lanes of RF channels, or again those of robots. */
   show_channels() {
     if (!this.rows.has_channels) this.say("No frame of this run has an RF channel.");
     else this.lay(!this.rows.by_channel);
