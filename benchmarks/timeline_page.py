@@ -1,6 +1,6 @@
 """How smoothly the timeline of a trace is panned and zoomed in Chromium, without a window or a graphics processor.
 
-    python -m benchmarks.timeline FOLDER
+    python -m benchmarks.timeline_page FOLDER
 
 FOLDER holds the tables of a run, as ``cosim run --trace FOLDER`` writes them. Of the page at 1920 x 1080 it tells the
 time from picture to picture while something moves in each (median, and what 95 % keep to), the time from a change of
