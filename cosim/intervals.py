@@ -14,12 +14,27 @@ from cosim.units import Time
 HOST: Final = -1
 """The radio of an interval that is about the robot itself."""
 JAMMER: Final[Address] = -1
-"""The robot of an interval that is about a jammer."""
+"""The robot of an interval that is about none: about a jammer, or a wall of loss."""
 
 STATES: Final[dict[str, str]] = {
+    # of radios, over any channel
+    "link": "over a channel that only plays links: it has one to the robot peer, in this role",
     "off": "the radio is switched off",
+    # of radios, optical
+    "occluded": "a payload of the robot peer is on the air for it, and there is no line of sight",
+    "on_air": "a payload of it is on the air; of a run under way only, and afterwards a row of transmissions",
+    # of robots, radio -1
+    "camera_off": "a fault keeps its camera off",
+    "clock_stepped": "its clock is not the true time, but by_ns ahead of it",
+    "crashed": "a fault has stopped its host, which boots again at the end",
+    "frozen": "a fault keeps it from moving",
+    "killed": "a fault has killed it; the end is that of the run",
+    # of no robot, robot -1 and radio -1
+    "jammer": "the jammer that is the scenario's fault number fault, from 0, is on the air for the nth time, from 0; "
+    "channels as ranges of RF channels; radio names the radios that it is meant for, unless it is for all",
+    "wall": "the wall of loss that is the scenario's fault number fault stands for the nth time; radio as for jammers",
 }
-"""All states, with their meanings."""
+"""All states, with their meanings, by what they are of."""
 
 
 class Interval(NamedTuple):
@@ -58,6 +73,12 @@ class Intervals:
         start = self._open.pop((robot, state, detail), None)
         if start is not None:
             self.add(robot, start, now, state, detail)
+
+    def end_all(self, robot: Address, now: Time) -> None:
+        """Close all intervals of *robot*."""
+        for of, state, detail in list(self._open):
+            if of == robot:
+                self.end(of, state, now, detail)
 
     def under_way(self, now: Time) -> list[Interval]:
         """Return the intervals that are open *now*."""

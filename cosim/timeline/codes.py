@@ -109,7 +109,7 @@ class Named(NamedTuple):
     """Of what a lane is, and where it stands."""
 
     robot: int
-    """-1 for a jammer, and where it is about an RF channel."""
+    """-1 for jammers and walls of loss, and where it is about an RF channel."""
     radio: int
     """-1 for the robot itself."""
     what: str
@@ -126,7 +126,9 @@ class Named(NamedTuple):
         """What people call it."""
         if self.channel != NOWHERE:
             return f"channel {self.channel}" + (f", radio {self.radio}" if self.several else "")
-        who = "jammer" if self.robot < 0 else f"robot {self.robot}"
+        if self.robot < 0:
+            return "jammers and walls" + (f" {self.row + 1}" if self.row else "")
+        who = f"robot {self.robot}"
         radio = f", radio {self.radio}" if self.several and self.radio >= 0 else ""
         what = "host" if self.radio < 0 and self.what == "states" else self.what
         return f"{who}{radio}: {what}" + (f" {self.row + 1}" if self.row else "")

@@ -9,8 +9,8 @@ from cosim.trace import FRAMES, MESSAGES, RECEPTIONS, TRANSMISSIONS
 from cosim.units import Time
 
 Row: TypeAlias = dict[str, Any]
-Decode: TypeAlias = Callable[[bytes], Any]
-"""(payload) -> what it says, as plain data or text; it may raise anything for bytes that are no message."""
+Decode: TypeAlias = Callable[[bytes, bool], Any]
+"""(payload, whether it is a router's packet) -> what it says, as plain data."""
 MOST_RECEPTIONS: Final = 200
 """Maximum number of receptions that are told of."""
 BYTES_IN: Final = {TRANSMISSIONS.name: "body", MESSAGES.name: "payload"}
@@ -42,7 +42,7 @@ def detail(tables: Tables, lane: Lane, number: int, decode: Decode | None = None
         about["receptions"] = _receptions(tables, row)[:MOST_RECEPTIONS]
     carried = row.get(BYTES_IN.get(table, ""), "") if sent is None else sent[BYTES_IN[TRANSMISSIONS.name]]
     about["bytes"] = carried or ""
-    about["decoded"] = _decoded(decode, about["bytes"])
+    about["decoded"] = _decoded(decode, about["bytes"], sent is not None and bool(sent["routed"]))
     return about
 
 
@@ -65,12 +65,12 @@ def _receptions(tables: Tables, row: Row) -> list[Row]:
     ]  # fmt: skip
 
 
-def _decoded(decode: Decode | None, carried: str) -> Any:
+def _decoded(decode: Decode | None, carried: str, routed: bool) -> Any:
     """Return what the bytes say; None if nobody knows."""
     if decode is None or not carried:
         return None
     try:
-        said = decode(bytes.fromhex(carried))
+        said = decode(bytes.fromhex(carried), routed)
         json.dumps(said)
     except Exception:  # noqa: BLE001  # a protocol of others, and bytes that may be another's
         return None
