@@ -72,7 +72,10 @@ export class Controls {
 
   /** Show which switches are on. */
   show() {
-    for (const [button, on] of this.switches) button.setAttribute("aria-pressed", String(Boolean(on())));
+    for (const [button, on] of this.switches) {
+      const pressed = String(Boolean(on()));
+      if (button.getAttribute("aria-pressed") !== pressed) button.setAttribute("aria-pressed", pressed);
+    }
   }
 
   key(event) {

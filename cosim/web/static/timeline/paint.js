@@ -120,7 +120,9 @@ export class Painter {
       if (state) this.paint_state(pen, x, y, width, height);
       else pen.fillRect(x, y, width, height);
       if (kinds.lost(block.outcomes[at])) this.paint_loss(pen, axis, block, at, x, y, width, height);
-      if (width >= LEAST_WORD_PX && height >= 9) this.paint_word(pen, row, block, at, x, y, width, height, state);
+      if (width >= LEAST_WORD_PX && height >= 9) {
+        this.paint_word(pen, row, block, at, [x, y, width, height], axis.width_px, state);
+      }
     }
   }
 
@@ -165,12 +167,12 @@ export class Painter {
     }
   }
 
-  paint_word(pen, row, block, at, x, y, width, height, state) {
+  paint_word(pen, row, block, at, [x, y, width, height], right, state) {
     const name = this.kinds.name(block.codes[at]).replaceAll("_", " ");
     const peer = block.peers?.[at];
     const arrow = row.lane.what === "sent" && peer >= 0 ? ` → ${peer}` : "";
     const left = Math.max(x, 0) + 4;
-    const room = Math.floor((Math.min(x + width, pen.canvas.clientWidth) - left - 2) / LETTER_PX);
+    const room = Math.floor((Math.min(x + width, right) - left - 2) / LETTER_PX);
     if (room < 2) return;
     const text = name.length + arrow.length <= room ? name + arrow : name.slice(0, room);
     if (text.length < name.length && text.length < 3) return;

@@ -13,7 +13,7 @@ import { show_legend } from "./legend.js";
 import { show_listing } from "./listing.js";
 import { Measure } from "./measure.js";
 import { Navigator } from "./navigator.js";
-import { paint_flags, paint_overlay } from "./overlay.js";
+import { has_overlay, paint_flags, paint_overlay } from "./overlay.js";
 import { Painter } from "./paint.js";
 import { Rows } from "./rows.js";
 import { paint_ruler } from "./ruler.js";
@@ -213,6 +213,7 @@ export class Timeline {
       canvas.width = Math.round(this.axis.width_px * this.ratio);
       canvas.height = Math.round(height * this.ratio);
     }
+    this.over = true;
     if (this.rows.by_channel) this.rows.lay(true, this.stage_px);
     this.moved();
   }
@@ -225,7 +226,8 @@ export class Timeline {
     this.draw();
     this.settle();
     this.finder.leave();
-    this.span.textContent = this.axis.span_ns >= 1e9 ? `${seconds(this.axis.span_ns, 1)} s wide` : `${length(this.axis.span_ns)} wide`;
+    const width = this.axis.span_ns >= 1e9 ? `${seconds(this.axis.span_ns, 1)} s wide` : `${length(this.axis.span_ns)} wide`;
+    if (this.span.textContent !== width) this.span.textContent = width;
     this.controls.show();
   }
 
@@ -270,7 +272,9 @@ export class Timeline {
     paint_ruler(ruler, { axis, kinds, height: RULER_PX, origin_ns, wifi });
     paint_flags(ruler, this, RULER_PX);
     this.navigator.paint(this.pen(this.strip), STRIP_PX);
-    paint_overlay(this.pen(this.overlay), this);
+    const over = has_overlay(this);
+    if (over || this.over) paint_overlay(this.pen(this.overlay), this); // else it is as empty as it was: nothing costs
+    this.over = over;
   }
 
   pen(canvas) {
