@@ -26,6 +26,13 @@ export class Finder {
     this.show_pinned();
   }
 
+  /** Forget what was pinned: the run is another one. */
+  forget() {
+    this.point(null, null);
+    this.pinned = null;
+    this.show_pinned();
+  }
+
   // ------------------------------------------------------------ pointer
 
   /** Note where the pointer is on the lanes; null: on none. */

@@ -30,6 +30,7 @@ export class Kinds {
 
   /** Take what the server has named. */
   take(kinds, outcomes) {
+    this.fresh = kinds.length !== this.by_code?.size; // others than before
     this.by_code = new Map(kinds.map((kind) => [kind.code, kind]));
     this.outcomes = new Map(outcomes.map((outcome) => [outcome.code, outcome]));
     this.losses = new Set(outcomes.filter(({ lost }) => lost).map(({ name }) => name));

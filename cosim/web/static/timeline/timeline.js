@@ -23,6 +23,7 @@ import { Windows } from "./windows.js";
 const RULER_PX = 30;
 const STRIP_PX = 26;
 const MOST_LANES = 120; // beyond that only those are asked for that can be seen
+const MOST_ASKED = 200; // what the server takes in a request
 const SETTLED_MS = 300;
 
 /** The page's timeline. */
@@ -141,6 +142,8 @@ export class Timeline {
     this.live = scene.live;
     this.begun = false;
     this.windows.forget();
+    this.finder.forget();
+    this.measure.forget();
     this.root.hidden = true; // until the server names lanes
   }
 
@@ -165,7 +168,7 @@ export class Timeline {
     this.root.hidden = lanes.length === 0;
     const wifi = kinds.some(({ name }) => ["RTS", "CTS", "ACK", "DATA"].includes(name));
     this.wifi = wifi && !kinds.some(({ name }) => ["POLL", "NULL", "ID"].includes(name));
-    this.show_legend();
+    if (this.legend.childElementCount === 0 || this.kinds.fresh) this.show_legend();
     if (this.begun) this.axis.extend(Number(last_ns));
     else this.axis.begin(Number(first_ns), Number(last_ns), this.live);
     this.resize();
@@ -234,10 +237,11 @@ export class Timeline {
   want() {
     const { rows, axis } = this;
     const near = rows.rows.length > MOST_LANES ? rows.between(this.scroll_px - this.stage_px, this.scroll_px + 2 * this.stage_px) : rows.rows;
-    const all = rows.lanes.filter(({ what }) => what === "sent").map(({ lane }) => lane); // what the navigator sums up
-    const lanes = near.map(({ lane }) => lane.lane);
+    const sums = rows.lanes.filter(({ what }) => what === "sent").map(({ lane }) => lane); // for the navigator
+    const lanes = near.slice(0, MOST_ASKED).map(({ lane }) => lane.lane);
+    const all = [...new Set([...lanes, ...sums])].slice(0, MOST_ASKED);
     const { from_ns, to_ns, ns_per_px, first_ns, last_ns } = axis;
-    this.wish = { lanes, all: rows.by_channel ? all : [...new Set([...all, ...lanes])], from_ns, to_ns, ns_per_px, run: [first_ns, last_ns] };
+    this.wish = { lanes, all, from_ns, to_ns, ns_per_px, run: [first_ns, last_ns] };
     this.windows.want(this.wish);
   }
 
