@@ -1,12 +1,16 @@
 """The timeline in a real browser: it draws what the trace has, and is reached by keys, mouse and fingers."""
 
+import random
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cosim.scenario import Scenario
+from cosim.simulation import Simulation
+from cosim.trace import FRAMES
 from cosim.units import MS, SLOT, S
 from cosim.web.live import Live
 from cosim.web.recorded import Recorded
@@ -64,12 +68,12 @@ def press(page: Any, *keys: str) -> None:
 
 
 def look(page: Any, from_ns: int, to_ns: int) -> None:
-    """Open the page anew with an address that names a window."""
-    address = f"{page.url.split('#')[0]}#from={from_ns / S:.9f}&span={(to_ns - from_ns) / S:.9f}"
-    page.goto("about:blank")
-    page.goto(address)
-    page.wait_for_selector("#timeline:not([hidden])")
-    settled(page)
+    """Name a window in the address."""
+    page.evaluate(
+        "hash => { history.replaceState(null, '', hash); dispatchEvent(new HashChangeEvent('hashchange')) }",
+        f"#from={from_ns / S:.9f}&span={(to_ns - from_ns) / S:.9f}",
+    )
+    assert window(page)[:2] == (from_ns, to_ns)
 
 
 def told(page: Any, words: str) -> None:
@@ -86,26 +90,27 @@ def pinned(page: Any) -> dict[str, str]:
 # ---------------------------------------------------------------- what is drawn
 
 
-@pytest.mark.parametrize("at", [0.05, 0.31, 0.617, 0.8992])
-def test_the_boxes_that_are_drawn_are_the_rows_of_the_trace(page: Any, drawn: Any, at: float):
-    begin = int(at * END)
-    look(page, begin, begin + 400 * MS)
-    from_ns, to_ns, _ = window(page)
-    assert (from_ns, to_ns) == (begin, begin + 400 * MS)
-    boxes = page.evaluate(f"{LINE}.boxes()")
-    expected = [row for row in drawn[1] if row.start + row.duration >= from_ns and row.start < to_ns]
-    assert len(expected) > 20
-    for what, robot in (("sent", "source"), ("received", "destination")):
-        found = sorted(
-            (box["start_ns"], box["end_ns"], box["robot"], box["kind"]) for box in boxes if box["what"] == what
-        )
-        rows = sorted((row.start, row.start + row.duration, getattr(row, robot), row.kind) for row in expected)
-        assert found == rows
-    received = {(box["start_ns"], box["robot"]): box["outcome"] for box in boxes if box["what"] == "received"}
-    assert received == {(row.start, row.destination): row.outcome for row in expected}
-    states = sorted((box["kind"], box["start_ns"], box["end_ns"]) for box in boxes if box["what"] == "states")
+def test_the_boxes_that_are_drawn_are_the_rows_of_the_trace(page: Any, drawn: Any):
+    stream = random.Random(26)
     every = [("inquiry", 0, 3 * S), ("link", 3 * S, END), ("link", 4 * S, END), ("crashed", 18 * S, 19 * S)]
-    assert states == sorted(state for state in every if state[2] >= from_ns and state[1] < to_ns)
+    for _ in range(20):
+        span = stream.randrange(SLOT // 2, 400 * MS)
+        begin = stream.randrange(0, END - 2 * span)
+        look(page, begin, begin + span)
+        boxes = page.evaluate(f"{LINE}.boxes()")
+        expected = [row for row in drawn[1] if row.start + row.duration >= begin and row.start < begin + span]
+        for what, robot in (("sent", "source"), ("received", "destination")):
+            found = [box for box in boxes if box["what"] == what]
+            rows = [
+                (row.start, row.start + row.duration, getattr(row, robot), row.kind, row.outcome) for row in expected
+            ]
+            told = [
+                (box["start_ns"], box["end_ns"], box["robot"], box["kind"], box["outcome"] or "received")
+                for box in found
+            ]
+            assert sorted(told) == sorted(rows)
+        states = [(box["kind"], box["start_ns"], box["end_ns"]) for box in boxes if box["what"] == "states"]
+        assert sorted(states) == sorted(state for state in every if state[2] >= begin and state[1] < begin + span)
 
 
 def test_a_box_is_drawn_where_its_time_is(page: Any):
@@ -136,8 +141,11 @@ def test_the_whole_run_shows_what_was_lost(browser: Browser, served: Served, sch
 
 def test_nothing_is_blank_while_the_server_is_silent(page: Any):
     """The server's answers are kept from the page: it stretches those that it has."""
-    page.evaluate("document.querySelector('.tl-content').id = 'content'")
-    look(page, 10 * S, 12 * S)
+    address = page.url.split("#")[0]
+    page.goto("about:blank")
+    page.goto(f"{address}#from=10&span=2")
+    page.wait_for_selector("#timeline:not([hidden])")
+    settled(page)
     page.evaluate("document.querySelector('.tl-content').id = 'content'")
     page.evaluate("WebSocket.prototype.send = () => {}")
     page.locator(".tl-overlay").press("0")
@@ -469,5 +477,44 @@ def test_a_run_under_way_is_followed_until_one_looks_elsewhere(browser: Browser)
         assert {box["kind"] for box in page.evaluate(f"{LINE}.boxes()") if box["what"] == "sent"} == {"IDEAL"}
         page.click("#tl-follow")
         page.wait_for_function(f"from => {LINE}.window().from_ns > from + 5e9", arg=moved)
+    served.stop()
+    session.close()
+
+
+def test_a_run_under_way_has_the_boxes_that_its_trace_would_have(browser: Browser):
+    scenario = Scenario.model_validate(PLAIN | {"duration_s": 5})
+    run = Simulation(scenario, 1, (FRAMES,))
+    run.begin()
+    run.advance(5 * S)
+    columns = run.trace.columns("frames")
+    rows = set(zip(columns["time_ns"], columns["source"], columns["duration_ns"], strict=True))
+    session = Live(scenario, 1, True, 10.0)
+    served = Served(session)
+    with tab(browser, served) as page:
+        page.wait_for_function("() => document.getElementById('state').textContent === 'ended'")
+        press(page, "0")
+        page.wait_for_timeout(500)
+        sent = [box for box in page.evaluate(f"{LINE}.boxes()") if box["what"] == "sent"]
+        assert {(box["start_ns"], box["robot"], box["end_ns"] - box["start_ns"]) for box in sent} == rows
+        assert len(sent) == len(rows) == 9
+    served.stop()
+    session.close()
+
+
+def test_who_wants_less_motion_gets_pages_that_are_turned(browser: Browser):
+    plain = PLAIN | {"protocol": {"use": "tests.web.console:SPEC", "parameters": {"calls": 1000}}, "duration_s": 1000}
+    session = Live(Scenario.model_validate(plain), 1, True, 20.0)
+    served = Served(session)
+    with tab(browser, served, own=True) as page:
+        page.emulate_media(reduced_motion="reduce")
+        page.wait_for_selector("#timeline:not([hidden])")
+        page.wait_for_function(f"() => {LINE}.window().from_ns > 0")
+        begins = set()
+        for _ in range(40):
+            begins.add(page.evaluate(f"{LINE}.window().from_ns"))
+            page.wait_for_timeout(25)
+        pages = sorted(begins)
+        assert len(pages) > 1
+        assert all(later - page > 7e9 for page, later in pairwise(pages))  # of 10 s
     served.stop()
     session.close()

@@ -132,6 +132,7 @@ export class Timeline {
     new ResizeObserver(() => this.resize()).observe(this.scroller);
     this.scroller.addEventListener("scroll", () => this.moved());
     for (const kind of ["focus", "blur"]) this.overlay.addEventListener(kind, () => this.draw_over());
+    window.addEventListener("hashchange", () => this.begun && this.restore());
     this.listed.addEventListener("toggle", () => this.settle());
   }
 
