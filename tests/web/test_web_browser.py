@@ -140,7 +140,7 @@ def test_an_event_leads_to_its_time(browser: Browser, serve: Any, folder: Path):
         page.keyboard.press("End")
         page.fill("#filter", "killed")
         page.wait_for_function("() => document.querySelectorAll('#events li').length === 1")
-        page.get_by_role("button", name="Killed").click()
+        page.locator("#events").get_by_role("button", name="Killed").click()
         page.wait_for_function("() => document.getElementById('time').textContent.startsWith('4.00')")
 
 

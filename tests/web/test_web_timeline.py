@@ -413,6 +413,19 @@ def test_axe_finds_nothing(browser: Browser, served: Served, size: tuple[int, in
         page.set_viewport_size(usual)
 
 
+def test_the_buttons_are_one_stop_and_arrows_lead_from_one_to_the_next(page: Any):
+    page.locator("#tl-in").focus()
+    reached = [page.evaluate("document.activeElement.id")]
+    for _ in range(40):
+        page.keyboard.press("ArrowRight")
+        reached.append(page.evaluate("document.activeElement.id"))
+    assert len(set(reached)) == page.locator(".tl-bar button").count()
+    page.keyboard.press("Tab")
+    assert not page.evaluate("document.activeElement.closest('.tl-bar')")
+    page.keyboard.press("Shift+Tab")
+    assert page.evaluate("document.activeElement.id") == reached[-1]
+
+
 def test_the_table_tells_what_is_in_the_window(page: Any, drawn: Any):
     begin = LOST - 50 * SLOT
     look(page, begin, begin + 100 * SLOT)
