@@ -15,13 +15,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
 from statistics import median, quantiles
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from benchmarks.__main__ import told
 from cosim.intervals import STATES
 from cosim.timeline.index import FOLDER
 from cosim.trace import (
@@ -48,6 +48,7 @@ KINDS = ("DM1", "DM3", "DH5", "POLL", "NULL", "ID", "FHS")
 SLOTS = (1, 3, 5, 1, 1, 1, 1)
 WINDOWS = 200
 PIXELS = 1900
+MOST_SHOWN = 200
 _EVENTS = events_table(())
 
 
@@ -180,7 +181,9 @@ def look(folder: Path) -> None:
     print(f"{'private memory at the end':64s} {private_mb():9.0f} MB{told(500, private_mb())}")
 
 
-MOST_SHOWN = 200
+def told(bound: float, value: float, unit: str = "") -> str:
+    """Return what stands beside a figure of *value* that has a *bound*."""
+    return f"  at most {bound:g}{unit}" + (" EXCEEDED" if value > bound else "")
 
 
 def absent() -> AskNext:
@@ -223,9 +226,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows = sum(len(TableFile(folder / f"{name}.parquet")) for name in SHARES)
         tables = sum(path.stat().st_size for path in folder.glob("*.parquet")) / 1e6
         line = [sys.executable, "-m", "benchmarks.timeline", "--look", "--folder", str(folder)]
-        begun = time.perf_counter()
+        begun, before = time.perf_counter(), getrusage(RUSAGE_CHILDREN)
         subprocess.run([sys.executable, "-c", FIRST, str(folder)], check=True)
         row(f"first opening of {rows:,} rows, {tables:.0f} MB, the whole process", time.perf_counter() - begun, 15.0)
+        after = getrusage(RUSAGE_CHILDREN)
+        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        row("its processor time", used, 15.0)
         index = sum(path.stat().st_size for path in (folder / FOLDER).iterdir()) / 1e6
         print(f"{'its index':64s} {index:9.0f} MB", flush=True)
         subprocess.run(line, check=True)

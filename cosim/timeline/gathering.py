@@ -71,8 +71,10 @@ def lane_of(lane: Lane) -> Lane:
 
 
 def lost_codes(codes: Codes) -> Array:
-    """Return whether boxes are lost, by their codes of outcomes."""
-    return np.array(codes.lost, dtype=bool)
+    """Return whether boxes are lost, by their codes of outcomes; all that fit a byte, whatever a damaged index has."""
+    lost = np.zeros(1 << 8, dtype=bool)
+    lost[: len(codes.lost)] = codes.lost
+    return lost
 
 
 def lanes_of(trace: Trace) -> tuple[list[Lane], Codes]:

@@ -142,8 +142,9 @@ class Growing:
         self.forgotten = 0
         """Number of rows that are not kept any more."""
         self._tables = {table.name: Columns(table) for table in tables}
+        self._several = any(RADIO in table.names for name, table in self._tables.items() if name != INTERVALS.name)
         self._most = most
-        self._maker = Maker(self.codes)
+        self._maker = Maker(self.codes, late=True)
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
 
@@ -181,10 +182,9 @@ class Growing:
         details = None
         if name == INTERVALS.name:
             details = [_identity(Interval(*row)) for row in rows]
-        several = RADIO in table.names and name != INTERVALS.name
         for made in self._maker.made(name, columns_of(name, columns), first, details):
             for key, boxes in made.by_lane():
-                lane = self._lane(made.what, key, several)
+                lane = self._lane(made.what, key)
                 if made.what in OF_SENDERS and name != lane.table:  # its transmissions are told after all
                     lane.table = name
                     lane.forget(1 << 32)
@@ -195,13 +195,13 @@ class Growing:
         """Have the lanes of senders show what receivers have lost; keep for later what they do not show yet."""
         lost = all_of(self._maker.losses)
         self._maker.losses.clear()
-        waits = np.zeros(len(lost.times), dtype=bool)
+        waits = np.ones(len(lost.times), dtype=bool)
         if not len(lost.times):
             return
         for (what, key), number in self._numbers.items():
-            if what in OF_SENDERS:
+            lane = self.lanes[number]
+            if what in OF_SENDERS and lane.table != FRAMES.name:
                 here = lost.shown(what, key)
-                lane = self.lanes[number]
                 there = lost.taken(here).mark(lane.boxes, what)
                 if what == "sent":
                     waits[here] = ~there
@@ -211,18 +211,19 @@ class Growing:
         if waits.any():
             self._maker.losses.append(lost.taken(waits))
 
-    def _lane(self, what: str, key: tuple[int, int, int], several: bool = False) -> GrowingLane:
+    def _lane(self, what: str, key: tuple[int, int, int]) -> GrowingLane:
         if (what, key) not in self._numbers:
             self._numbers[what, key] = len(self.lanes)
             of_frames = what in OF_SENDERS and key[1] not in self._maker.sending
             table = FRAMES.name if of_frames else TABLE_OF[what]
-            self.lanes.append(GrowingLane(lane_name(what, key, several), table, no_boxes()))
+            self.lanes.append(GrowingLane(lane_name(what, key, self._several), table, no_boxes()))
         return self.lanes[self._numbers[what, key]]
 
     def _show(self, under_way: Sequence[Interval]) -> None:
         """Have the lanes show the intervals *under_way*."""
         for lane in self.lanes:
-            lane.under_way = no_boxes()
+            if len(lane.under_way.starts):
+                lane.under_way = no_boxes()
         self._open = sorted(under_way)
         for at, each in enumerate(self._open):
             key = each.robot, each.radio

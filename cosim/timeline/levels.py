@@ -158,7 +158,7 @@ def _lowest(boxes: Boxes, lost: Array, shift: int) -> Entries:
 
 def cells_of(entries: Entries, shift: int, first: int, count: int) -> Cells:
     """Return the *count* cells from number *first* on, of width 2^shift, from *entries* that are about no others."""
-    used = np.unique(entries.kinds).tolist()
+    used = np.flatnonzero(np.bincount(entries.kinds)).tolist()
     row = np.zeros(max(used, default=0) + 1, dtype=np.int64)
     row[used] = np.arange(len(used)) * count
     keys = row[entries.kinds] + (entries.cells - first)

@@ -138,9 +138,11 @@ _LOSSES: Final = (np.int64, np.int64, np.int64, np.int64, np.uint16, np.uint8)
 class Maker:
     """Makes boxes of rows: a table's columns are arrays of numbers, and (codes, words by code) for text."""
 
-    def __init__(self, codes: Codes, stacks: Stacks | None = None) -> None:
+    def __init__(self, codes: Codes, late: bool = False) -> None:
+        """*late*: rows of a radio's transmissions may come after those of its frames."""
         self.codes = codes
-        self.stacks = stacks or Stacks()
+        self.stacks = Stacks()
+        self._late = late
         self.sending: set[int] = set()
         """Radios of whose transmissions there are rows."""
         self.losses: list[Losses] = []
@@ -153,7 +155,8 @@ class Maker:
         return made
 
     def _transmissions(self, columns: Mapping[str, Any], first: int) -> list[Made]:
-        outcomes = np.where(columns["whole"], 0, self.codes.outcome(CUT)).astype(np.uint8)
+        cut = ~columns["whole"]
+        outcomes = np.where(cut, self.codes.outcome(CUT) if cut.any() else 0, 0).astype(np.uint8)
         radios, sources = _radios(columns), columns["source"]
         self.sending.update(np.unique(radios).tolist())
         boxes = self._frame_boxes(columns, outcomes, first)
@@ -166,9 +169,10 @@ class Maker:
         to_one = robots >= 0
         told = np.isin(radios, sorted(self.sending))
         lost = _lut(self.codes.lost, bool)[boxes.outcomes]
-        if (told & lost).any():
+        missed = lost if self._late else told & lost
+        if missed.any():
             shown = boxes.starts, sources, radios, columns["channel"], boxes.kinds, boxes.outcomes
-            self.losses.append(Losses(*(column[told & lost] for column in shown)))
+            self.losses.append(Losses(*(column[missed] for column in shown)))
         made = [_made("received", robots, radios, boxes, to_one)]
         made.append(_made("broadcasts", sources, radios, boxes, told & ~to_one))
         if not told.all():
@@ -313,12 +317,9 @@ def columns_of(table: str, columns: Mapping[str, Sequence[Any]]) -> dict[str, An
 
 def by_time(trace: Trace, table: str) -> dict[str, Any]:
     """Return what a :class:`Maker` takes of *table* of *trace*, its rows in the order in which they are stored."""
-    columns = columns_of(table, trace.columns(table))
-    order = np.argsort(columns[SOURCES[table][0]], kind="stable")
-    return {
-        name: (column[0][order], column[1]) if isinstance(column, tuple) else column[order]
-        for name, column in columns.items()
-    }
+    columns = trace.columns(table)
+    order = np.argsort(np.array(columns[SOURCES[table][0]], dtype=np.int64), kind="stable").tolist()
+    return columns_of(table, {name: [column[at] for at in order] for name, column in columns.items()})
 
 
 def lane_name(what: str, key: tuple[int, int, int], several: bool) -> Named:

@@ -30,10 +30,10 @@ from cosim.intervals import Interval
 from cosim.settings import Settings
 from cosim.timeline.codes import CHANNEL, Codes
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
-from cosim.timeline.gathering import span_of
+from cosim.timeline.gathering import lost_codes, span_of
 from cosim.timeline.growing import Growing, Rows
 from cosim.timeline.index import Files, Index
-from cosim.timeline.lanes import Array, Boxes, Lane
+from cosim.timeline.lanes import Boxes, Lane
 from cosim.timeline.levels import Cells
 from cosim.timeline.search import Place, Wanted, find
 from cosim.timeline.window import Window, window
@@ -114,7 +114,7 @@ class Answers:
     def __init__(self, lanes: Sequence[Lane], codes: Codes, tables: Tables, decode: Decode | None = None) -> None:
         self._lanes = lanes
         self._codes = codes
-        self._lost: Array = np.array(codes.lost, dtype=bool)
+        self._lost = lost_codes(codes)
         self._tables = tables
         self._decode = decode
 
@@ -189,6 +189,7 @@ class Kept:
     """The timeline of a recorded run."""
 
     def __init__(self, index: Index, folder: Path, decode: Decode | None = None) -> None:
+        self.index = index
         self._answers = Answers(index.lanes, index.codes, Files(folder), decode)
         self._message = lanes_message(index.lanes, index.codes, *span_of(index.lanes))
         self._lock = Lock()
