@@ -104,7 +104,8 @@ TRANSMISSIONS: Final = Table(
 RECEPTIONS: Final = Table(
     "receptions",
     "what became of a transmission at a robot, a row for each that it was meant for, and each other that it disturbed "
-    "or informed",
+    "or informed; of what a robot sends at one instant over an ideal or optical channel in the order of transmissions, "
+    "if there is no jitter",
     (
         Field("time_ns", "int", "ns", "start of the frame"),
         Field("source", "int", "", "transmitter"),
@@ -302,9 +303,9 @@ class Trace:
         return paths
 
 
-GROUP_ROWS: Final = 1 << 17
+GROUP_ROWS: Final = 1 << 16
 """Rows that are read together from a file of a trace: one of them is not to cost much."""
-_GROUPS_KEPT: Final = 3
+_GROUPS_KEPT: Final = 2
 _REPEATED: Final = ["kind", "outcome", "part", "state", "event"]
 """Columns of words, of which there are few different ones."""
 _FIRST_COLUMNS: Final = [[_TIME.name, _SOURCE.name], [field.name for field in INTERVALS.fields[:2]]]

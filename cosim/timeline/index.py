@@ -54,7 +54,7 @@ def opened(
     if place.is_dir():
         try:
             return read(place, stamp)
-        except _Unfit as error:
+        except _UnfitError as error:
             say(f"{place}: {error}: made anew")
     index = made(folder, told)
     try:
@@ -65,7 +65,7 @@ def opened(
     return read(place, stamp)
 
 
-class _Unfit(Exception):
+class _UnfitError(Exception):
     """An index is not one of the tables beside it, or is damaged."""
 
 
@@ -119,7 +119,7 @@ def _about(index: Index, stamp: dict[str, list[int]]) -> dict[str, Any]:
     lanes = []
     for lane in index.lanes:
         levels = lane.levels
-        known = {"count": len(lane.boxes.starts), "longest": lane.longest, "disjoint": lane.disjoint}
+        known: dict[str, Any] = {"count": len(lane.boxes.starts), "longest": lane.longest, "disjoint": lane.disjoint}
         known |= {"named": list(lane.named), "table": lane.table}
         known |= {"lowest": levels.lowest, "levels": [len(each.cells) for each in levels.levels]} if levels else {}
         lanes.append(known)
@@ -135,7 +135,7 @@ def _write_columns(folder: Path, names: Any, dtypes: Any, parts: list[Any]) -> N
             header = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": (total,)}
             np.lib.format.write_array_header_1_0(file, header)
             for part in parts:
-                file.write(memoryview(np.ascontiguousarray(part[at], dtype=dtype)).cast("B"))
+                np.ascontiguousarray(part[at], dtype=dtype).tofile(file)
 
 
 def read(place: Path, stamp: dict[str, list[int]]) -> Index:
@@ -143,15 +143,17 @@ def read(place: Path, stamp: dict[str, list[int]]) -> Index:
     try:
         about = json.loads((place / FILE).read_text(encoding="utf-8"))
         if about["format"] != FORMAT or about["stamp"] != stamp:
-            raise _Unfit("is not about the tables as they are")
+            raise _UnfitError("is not about the tables as they are")
         if any((place / name).stat().st_size != size for name, size in about["sizes"].items()):
-            raise _Unfit("is damaged")
-        boxes = Boxes(*(_mapped(place / f"{name}.npy", dtype) for name, dtype in zip(Boxes._fields, DTYPES)))
+            raise _UnfitError("is damaged")
+        boxes = Boxes(
+            *(_mapped(place / f"{name}.npy", dtype) for name, dtype in zip(Boxes._fields, DTYPES, strict=True))
+        )
         names = zip(Entries._fields, ENTRY_DTYPES, strict=True)
         entries = Entries(*(_mapped(place / f"level_{name}.npy", dtype) for name, dtype in names))
         return _assembled(about, boxes, entries)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise _Unfit("is damaged") from error
+        raise _UnfitError("is damaged") from error
 
 
 def _assembled(about: dict[str, Any], boxes: Boxes, entries: Entries) -> Index:
@@ -166,14 +168,14 @@ def _assembled(about: dict[str, Any], boxes: Boxes, entries: Entries) -> Index:
         summed = Levels(known["lowest"], levels, known["count"]) if levels else None
         lanes.append(Lane(Named(*known["named"]), known["table"], own, known["longest"], known["disjoint"], summed))
     if at != len(boxes.starts) or level_at != len(entries.cells):
-        raise _Unfit("is damaged")
+        raise _UnfitError("is damaged")
     return Index(lanes, Codes(about["kinds"], about["outcomes"]))
 
 
 def _mapped(path: Path, dtype: Any) -> Array:
     array = np.load(path, mmap_mode="r" if path.stat().st_size > _HEADER_BYTES else None, allow_pickle=False)
     if array.dtype != dtype or array.ndim != 1:
-        raise _Unfit("is damaged")
+        raise _UnfitError("is damaged")
     return np.asarray(array)  # a view without a memmap's costs
 
 

@@ -10,9 +10,11 @@ import time
 from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import partial
 from typing import Any, Final
 
 from cosim.caches import begin, cache_folder, kernels_digest
+from cosim.decoding import decoded
 from cosim.errors import UserError
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
@@ -86,6 +88,12 @@ class Tap(Trace):
             if not self._ticks or self._ticks[-1][0] != time:
                 self._ticks.append((time, [to_seconds(time)]))
             self._ticks[-1][1].extend(pose)
+
+    def rows(self, table: Table, *columns: Any) -> None:
+        """Add rows by column, in the order of the table's fields."""
+        plain = (column.tolist() if hasattr(column, "tolist") else column for column in columns)
+        for values in zip(*plain, strict=True):
+            self.row(table, *values)
 
     def fetched(self) -> tuple[list[Row], list[Frame], list[Row]]:
         """Drain the rows since the last call: ticks, frames, events."""
@@ -170,7 +178,7 @@ class Live:
         self._kinds: dict[str, Rolling] = {}
         self._history = History(self._ticks, self._air, self._activity, self._events, self._marks, self._kinds)
         self._answers = Rolling(_ANSWERS)
-        self._timeline = Grown(self._simulation.trace.tables.values())
+        self._timeline = Grown(self._simulation.trace.tables.values(), partial(decoded, scenario))
         self._ending: Plain | None = None
         self._failure = ""
         self._simulation.begin()

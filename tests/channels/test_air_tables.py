@@ -120,6 +120,21 @@ def test_an_ideal_broadcast_has_receptions_where_the_table_of_frames_has_one_row
     assert field.rows(RECEPTIONS, "receiver", "outcome") == [(1, "received"), (2, "out_of_range")]
 
 
+@pytest.mark.parametrize("walls", [None, WALL], ids=["ideal", "optical"])
+def test_receptions_of_what_is_sent_at_one_instant_come_in_the_order_of_the_transmissions(walls: Any) -> None:
+    field = Field(*IN_A_ROW, walls=walls, **({"loss": 0.5} if walls is None else {}))
+    payloads = [(b"%d" % k, BROADCAST if k % 3 else 1) for k in range(40)]
+    for payload, destination in payloads:
+        field.send(0, destination, payload)
+    field.run()
+    sent = field.rows(TRANSMISSIONS, "body", "destination")
+    assert sent == [(payload.hex(), destination) for payload, destination in payloads]
+    heard = [data.hex() for _, _, data in field.hosts[1].received]
+    outcomes = [outcome for receiver, outcome in field.rows(RECEPTIONS, "receiver", "outcome") if receiver == 1]
+    assert [body for (body, _), outcome in zip(sent, outcomes, strict=True) if outcome == "received"] == heard
+    assert (len(heard) < 40) == (walls is None)
+
+
 def test_every_ideal_payload_is_told_whatever_is_lost_and_late_and_lasts_until_its_last_arrival() -> None:
     field = Field(*IN_A_ROW, delay_s=1e-3, loss=0.3, jitter_s=5e-3)
     sent = [(k * MS, k % 3, BROADCAST if k % 2 else (k + 1) % 3, bytes([k])) for k in range(200)]
@@ -259,6 +274,7 @@ def test_hosts_get_the_same_whatever_is_kept_and_nothing_is_kept_that_is_not_wan
             assert host.received
             assert (host.received, host.events) == (same.received, same.events)
         assert wanted.kernel.executed == other.kernel.executed
-        assert not other.channel.intervals._open
+        assert other.channel.under_way(S) == []
+        assert other.channel._linked == set()
     assert wanted.rows(FRAMES) == some.rows(FRAMES)
     assert none.trace.tables == {}

@@ -1,375 +1,246 @@
-"""The timeline in a real browser: it draws what the trace has, and is reached by keys, mouse and fingers."""
+"""The timeline as pages ask for it: what is malformed is told in a line, a box tells all, a socket carries answers."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from websockets.sync.client import ClientConnection
 
-from cosim.units import MS, SLOT, S
+from cosim.errors import UserError
+from cosim.timeline.index import Files, opened
+from cosim.web.messages import parsed
 from cosim.web.recorded import Recorded
-from tests.web.browser import GRAVE, Browser, axe, pixels, tab
-from tests.web.drawn import END, LOST, PAYLOAD, PHASE, SENTENCE, Frame, write_trace
-from tests.web.served import Served
+from cosim.web.timeline import MOST_CELLS, MOST_LANES, AskBox, Kept
+from tests.timeline.made import made_rows, made_trace, read, written
+from tests.timeline.test_timeline_windows import LAST, Page
+from tests.web.served import Served, next_of
 
-pytestmark = pytest.mark.slow
-
-SIZES = [(1280, 720), (1920, 1080), (390, 844)]
-LINE = "document.getElementById('timeline').timeline"
-
-
-@pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Frame]]:
-    folder = tmp_path_factory.mktemp("drawn")
-    return folder, write_trace(folder)
+WINDOW = {"say": "window", "number": 7, "lanes": [0], "from_ns": "0", "to_ns": "1000", "step_ns": "16"}
+FIND = {"say": "find", "from_ns": "0"}
+BOX = {"say": "box", "lane": 0, "row": 0}
 
 
 @pytest.fixture(scope="module")
-def served(drawn: tuple[Path, list[Frame]]) -> Iterator[Served]:
-    served = Served(Recorded(drawn[0], playing=False))
-    yield served
-    served.stop()
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("made"), made_trace(made_rows(1, 500, LAST)))
 
 
 @pytest.fixture
-def page(browser: Browser, served: Served) -> Iterator[Any]:
-    """Open the page at the beginning of the run, in a window of the usual size."""
-    with tab(browser, served) as page:
-        page.wait_for_selector("#timeline:not([hidden])")
-        settled(page)
+def page(folder: Path) -> Page:
+    return Page(Recorded(folder))
+
+
+@pytest.fixture
+def socket(folder: Path) -> Iterator[ClientConnection]:
+    served = Served(Recorded(folder, playing=False))
+    with served.connect() as page:
         yield page
-
-
-def settled(page: Any) -> None:
-    """Wait until all is drawn that is to be seen."""
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    page.wait_for_function(f"() => {LINE}.complete()")
-
-
-def window(page: Any) -> tuple[float, float, float]:
-    """Return from when to when the window is (ns), and how wide (px)."""
-    settled(page)
-    shown = page.evaluate(f"{LINE}.window()")
-    return shown["from_ns"], shown["to_ns"], shown["width_px"]
-
-
-def press(page: Any, *keys: str) -> None:
-    """Press keys while the lanes have the focus."""
-    for key in keys:
-        page.locator(".tl-overlay").press(key)
-    settled(page)
-
-
-def look(page: Any, from_ns: int, to_ns: int) -> None:
-    """Open the page anew with an address that names a window."""
-    address = f"{page.url.split('#')[0]}#from={from_ns / S:.9f}&span={(to_ns - from_ns) / S:.9f}"
-    page.goto("about:blank")
-    page.goto(address)
-    page.wait_for_selector("#timeline:not([hidden])")
-    settled(page)
-
-
-def told(page: Any, words: str) -> None:
-    """Wait until the page says *words*."""
-    page.wait_for_function("words => document.querySelector('.tl-status').textContent.includes(words)", arg=words)
-
-
-def pinned(page: Any) -> dict[str, str]:
-    """Return the fields of the box that is pinned."""
-    rows = page.locator(".tl-pin table").last.locator("tr").all()
-    return {row.locator("th").inner_text(): row.locator("td").inner_text() for row in rows}
-
-
-# ---------------------------------------------------------------- what is drawn
-
-
-@pytest.mark.parametrize("at", [0.05, 0.31, 0.617, 0.8992])
-def test_the_boxes_that_are_drawn_are_the_rows_of_the_trace(page: Any, drawn: Any, at: float):
-    begin = int(at * END)
-    look(page, begin, begin + 400 * MS)
-    from_ns, to_ns, _ = window(page)
-    assert (from_ns, to_ns) == (begin, begin + 400 * MS)
-    boxes = page.evaluate(f"{LINE}.boxes()")
-    expected = [row for row in drawn[1] if row.start + row.duration >= from_ns and row.start < to_ns]
-    assert len(expected) > 20
-    for what, robot in (("sent", "source"), ("received", "destination")):
-        found = sorted(
-            (box["start_ns"], box["end_ns"], box["robot"], box["kind"]) for box in boxes if box["what"] == what
-        )
-        rows = sorted((row.start, row.start + row.duration, getattr(row, robot), row.kind) for row in expected)
-        assert found == rows
-    received = {(box["start_ns"], box["robot"]): box["outcome"] for box in boxes if box["what"] == "received"}
-    assert received == {(row.start, row.destination): row.outcome for row in expected}
-    states = sorted((box["kind"], box["start_ns"], box["end_ns"]) for box in boxes if box["what"] == "states")
-    every = [("inquiry", 0, 3 * S), ("link", 3 * S, END), ("link", 4 * S, END), ("crashed", 18 * S, 19 * S)]
-    assert states == sorted(state for state in every if state[2] >= from_ns and state[1] < to_ns)
-
-
-def test_a_box_is_drawn_where_its_time_is(page: Any):
-    begin = LOST - 5 * SLOT
-    look(page, begin, begin + 20 * SLOT)
-    from_ns, to_ns, width_px = window(page)
-    [box] = [each for each in page.evaluate(f"{LINE}.boxes()") if each["kind"] == "DM1" and each["what"] == "received"]
-    x, y = page.evaluate(f"box => {LINE}.place(box)", box)
-    left = page.locator(".tl-overlay").bounding_box()["x"]
-    assert x - left == pytest.approx((LOST + 183_000 - from_ns) / (to_ns - from_ns) * width_px, abs=1)
-    page.mouse.move(x, y)
-    assert page.inner_text(".tl-tip").startswith("DM1, robot 0 to 2, 12.345123 s")
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_whole_run_shows_what_was_lost(browser: Browser, served: Served, scheme: str):
-    with tab(browser, served, scheme=scheme) as page:
-        page.wait_for_selector("#timeline:not([hidden])")
-        from_ns, to_ns, _ = window(page)
-        assert from_ns <= PHASE
-        assert to_ns >= END - 2 * SLOT
-        page.evaluate("document.querySelector('.tl-content').id = 'content'")
-        assert 10 < pixels(page, "bad", "content") < 400  # two frames among thousands
-        page.get_by_role("button", name="DM1").click()  # in the legend
-        settled(page)
-        assert pixels(page, "bad", "content") == 0
-
-
-def test_nothing_is_blank_while_the_server_is_silent(page: Any):
-    """The server's answers are kept from the page: it stretches those that it has."""
-    page.evaluate("document.querySelector('.tl-content').id = 'content'")
-    look(page, 10 * S, 12 * S)
-    page.evaluate("document.querySelector('.tl-content').id = 'content'")
-    page.evaluate("WebSocket.prototype.send = () => {}")
-    page.locator(".tl-overlay").press("0")
-    page.wait_for_timeout(200)
-    assert not page.evaluate(f"{LINE}.complete()")
-    assert (
-        page.evaluate(
-            "() => { const c = document.getElementById('content');"
-            " const { data } = c.getContext('2d').getImageData(0, 0, c.width, c.height);"
-            " let n = 0; for (let at = 3; at < data.length; at += 4) n += data[at] === 255; return n; }"
-        )
-        > 1000
-    )
-
-
-# ---------------------------------------------------------------- zoom and pan
-
-
-def test_the_wheel_zooms_about_the_pointer_and_with_shift_moves(page: Any):
-    box = page.locator(".tl-overlay").bounding_box()
-    from_ns, to_ns, width_px = window(page)
-    at = from_ns + (to_ns - from_ns) * 300 / width_px
-    page.mouse.move(box["x"] + 300, box["y"] + 20)
-    page.mouse.wheel(0, -800)
-    page.wait_for_function(
-        f"span => {{ const w = {LINE}.window(); return w.to_ns - w.from_ns < span / 5 }}", arg=to_ns - from_ns
-    )
-    near = window(page)
-    assert near[0] + (near[1] - near[0]) * 300 / width_px == pytest.approx(at, abs=2 * (near[1] - near[0]) / width_px)
-    page.keyboard.down("Shift")
-    page.mouse.wheel(0, 200)
-    page.keyboard.up("Shift")
-    page.wait_for_function(f"from => {LINE}.window().from_ns > from", arg=near[0])
-    moved = window(page)
-    assert moved[1] - moved[0] == pytest.approx(near[1] - near[0])
-    assert moved[0] - near[0] == pytest.approx(200 * (near[1] - near[0]) / width_px, rel=0.01)
-
-
-def test_a_drag_moves_and_does_not_pin(page: Any):
-    look(page, 5 * S, 5 * S + 100 * MS)
-    before = window(page)
-    box = page.locator(".tl-overlay").bounding_box()
-    page.mouse.move(box["x"] + 400, box["y"] + 30)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 300, box["y"] + 30, steps=5)
-    page.mouse.up()
-    after = window(page)
-    assert after[0] - before[0] == pytest.approx(100 * (before[1] - before[0]) / before[2], rel=0.01)
-    assert page.evaluate(f"{LINE}.pinned()") is None
-
-
-def test_two_fingers_zoom(page: Any):
-    fingers = page.context.new_cdp_session(page)
-    box = page.locator(".tl-overlay").bounding_box()
-
-    def touch(kind: str, *places: float) -> None:
-        touched = [{"x": box["x"] + x, "y": box["y"] + 40, "id": number} for number, x in enumerate(places)]
-        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touched})
-
-    before = window(page)
-    touch("touchStart", 300, 400)
-    for step in range(1, 6):
-        touch("touchMove", 300 - 20 * step, 400 + 20 * step)
-    touch("touchEnd")
-    after = window(page)
-    fingers.detach()
-    assert (before[1] - before[0]) / (after[1] - after[0]) == pytest.approx(3, rel=0.05)
-    assert (after[0] + (after[1] - after[0]) * 350 / after[2]) == pytest.approx(
-        before[0] + (before[1] - before[0]) * 350 / before[2], rel=0.01
-    )
+    served.stop()
 
 
 @pytest.mark.parametrize(
-    ("keys", "buttons"),
+    ("given", "told"),
     [
-        ("w", "in"),
-        ("+", "in"),
-        ("s", "out"),
-        ("-", "out"),
-        ("a", "left"),
-        ("d", "right"),
-        ("Shift+ArrowRight", "right"),
+        (WINDOW | {"lanes": list(range(MOST_LANES + 1))}, "lanes"),
+        (WINDOW | {"lanes": [-1]}, "lanes"),
+        (WINDOW | {"lanes": [1 << 16]}, "lanes"),
+        (WINDOW | {"from_ns": 0}, "from_ns"),
+        (WINDOW | {"from_ns": "1e3"}, "from_ns"),
+        (WINDOW | {"from_ns": "1" * 19}, "from_ns"),
+        (WINDOW | {"to_ns": "\u0661"}, "to_ns"),
+        (WINDOW | {"step_ns": ""}, "step_ns"),
+        (WINDOW | {"number": 1 << 32}, "number"),
+        (WINDOW | {"more": 1}, "more"),
+        ({"say": "window"}, "number"),
+        (BOX | {"row": 1 << 32}, "row"),
+        (BOX | {"lane": None}, "lane"),
+        (FIND | {"kind": -1}, "kind"),
+        (FIND | {"robot": -2}, "robot"),
+        (FIND | {"lanes": [0] * (MOST_LANES + 1)}, "lanes"),
+        (FIND | {"back": "maybe"}, "back"),
     ],
 )
-def test_keys_and_buttons_do_the_same(page: Any, keys: str, buttons: str):
-    look(page, 5 * S, 6 * S)
-    begin = window(page)
-    press(page, keys)
-    by_key = window(page)
-    assert by_key[:2] != begin[:2]
-    look(page, 5 * S, 6 * S)
-    page.mouse.move(0, 0)
-    page.click(f"#tl-{buttons}")
-    assert window(page) == by_key
+def test_what_is_malformed_is_told_in_one_line(given: Any, told: str):
+    with pytest.raises(UserError, match=told) as fault:
+        parsed(json.dumps(given))
+    assert "\n" not in str(fault.value)
 
 
-def test_one_can_zoom_down_to_half_slots(page: Any):
-    press(page, *["w"] * 60)
-    from_ns, to_ns, _ = window(page)
-    assert to_ns - from_ns < 312_500
-    press(page, "0")
-    assert window(page)[1] > END - 2 * SLOT
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (WINDOW | {"step_ns": "0"}, "step_ns"),
+        (WINDOW | {"step_ns": "-4"}, "step_ns"),
+        (WINDOW | {"from_ns": "1001"}, "from_ns <= to_ns"),
+        (WINDOW | {"to_ns": str(2 * MOST_CELLS), "step_ns": "1"}, "cells"),
+        (WINDOW | {"to_ns": "9" * 18, "from_ns": "-" + "9" * 18, "step_ns": "1"}, "cells"),
+        (WINDOW | {"lanes": [0, 999]}, "there is no lane 999"),
+        (BOX | {"lane": 999}, "there is no lane 999"),
+        (BOX | {"row": (1 << 32) - 1}, "there is no row 4294967295"),
+        (FIND | {"lanes": [999]}, "there is no lane 999"),
+    ],
+)
+def test_what_cannot_be_asked_is_told_in_one_line(page: Page, given: Any, told: str):
+    with pytest.raises(UserError, match=told) as fault:
+        page.session.timeline.answer(parsed(json.dumps(given)))
+    assert "\n" not in str(fault.value)
 
 
-# ---------------------------------------------------------------- finding
+def test_extreme_times_are_answered(page: Page):
+    for start, end in (("-" + "9" * 18, "-" + "9" * 18), ("9" * 18, "9" * 18), ("-" + "9" * 18, "9" * 18)):
+        found = read(page.session.timeline.answer(parsed(json.dumps(WINDOW | {
+            "from_ns": start, "to_ns": end, "step_ns": "9" * 18
+        }))))  # fmt: skip
+        assert found.number == 7
+        assert len(found.boxes[0]) == (len(page.everything()[0]) if start < "0" < end != start else 0)
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_the_keyboard_alone_finds_the_first_lost_frame_and_reads_why(page: Any, size: tuple[int, int]):
-    usual = page.viewport_size
-    page.set_viewport_size({"width": size[0], "height": size[1]})
-    page.evaluate("document.activeElement.blur()")
-    for _ in range(80):
-        page.keyboard.press("Tab")
-        if page.evaluate("document.activeElement.classList.contains('tl-overlay')"):
-            break
-    page.keyboard.press("l")
-    told(page, SENTENCE)
-    settled(page)
-    assert page.get_attribute(".tl-status", "role") == "status"
-    shown = [box for box in page.evaluate(f"{LINE}.boxes()") if box["start_ns"] == LOST and box["what"] == "received"]
-    assert 0 < page.evaluate(f"box => {LINE}.place(box)", shown[0])[0] < size[0]
-    page.keyboard.press("Enter")  # to read all about it
-    assert page.evaluate("document.activeElement.classList.contains('tl-pin')")
-    page.locator(".tl-overlay").press("l")
-    told(page, "17.98")
-    page.keyboard.press("l")
-    told(page, "No further lost frame")
-    page.keyboard.press("Shift+L")
-    told(page, SENTENCE)
-    page.set_viewport_size(usual)
+def row_of(rows: list[tuple[Any, ...]], box: Any) -> int:
+    """Return the number of the row with the start and end of *box* among *rows*, sorted by time."""
+    [number] = [at for at, row in enumerate(sorted(rows, key=lambda row: row[0])) if at == box.row]
+    return number
 
 
-def test_a_pinned_frame_tells_all_that_the_trace_has(page: Any):
-    press(page, "l")
-    told(page, SENTENCE)
-    fields = pinned(page)
-    assert fields["begins"] == f"{LOST / S:.9f} s"
-    assert fields["time_ns"] == str(LOST)
-    assert fields["duration_ns"] == "366000"
-    expected = {"source": "0", "destination": "2", "kind": "DM1", "channel": "41", "lt_addr": "2", "length": "11"}
-    assert expected | {"outcome": "bit_errors", "part": "payload"} == {
-        name: fields[name] for name in [*expected, "outcome", "part"]
+def test_a_box_tells_all_of_its_row_and_who_heard_it(page: Page):
+    rows = made_rows(1, 500, LAST)
+    number = next(number for number, lane in page.lanes.items() if lane["what"] == "sent")
+    for box in page.everything()[number][:20]:
+        told = page.box(number, box.row)
+        sent = rows["transmissions"][row_of(rows["transmissions"], box)]
+        names = (
+            "time_ns",
+            "source",
+            "kind",
+            "destination",
+            "reserves_ns",
+            "number",
+            "retry",
+            "routed",
+            "whole",
+            "body",
+        )
+        assert [told["fields"][name] for name in names] == [str(sent[0]), *sent[1:4], "0", *sent[5:10]]
+        assert told["transmission"] == told["fields"]
+        assert (told["start_ns"], told["end_ns"]) == (str(box.start), str(box.end))
+        heard = [row for row in rows["receptions"] if row[:2] == sent[:2]]
+        assert [(each["receiver"], each["sinr_db"], each["outcome"], each["part"]) for each in told["receptions"]] == [
+            (row[2], row[4], row[5], row[6]) for row in heard
+        ]
+        assert told["bytes"] == "c0ffee"
+        assert told["decoded"] is None
+
+
+def test_a_frame_at_a_receiver_is_told_with_its_transmission(page: Page):
+    number = next(number for number, lane in page.lanes.items() if lane["what"] == "received")
+    for box in page.everything()[number][:20]:
+        told = page.box(number, box.row)
+        assert told["table"] == "frames"
+        sent = told["transmission"]
+        assert [sent[name] for name in ("time_ns", "source", "kind")] == [
+            told["fields"][name] for name in ("time_ns", "source", "kind")
+        ]
+        assert page.lanes[number]["robot"] in {each["receiver"] for each in told["receptions"]}
+        assert told["bytes"] == "c0ffee"
+
+
+def test_a_state_and_a_message_tell_their_fields(page: Page):
+    for what, told in (("states", {"state", "detail"}), ("messages", {"payload", "sender"}), ("events", {"event"})):
+        number = next(number for number, lane in page.lanes.items() if lane["what"] == what)
+        box = page.everything()[number][0]
+        answer = page.box(number, box.row)
+        assert told <= answer["fields"].keys()
+        assert answer["receptions"] == []
+        assert answer["bytes"] == ("0a0b" if what == "messages" else "")
+
+
+def test_a_row_of_another_lane_is_no_box(page: Page):
+    lanes = [number for number, lane in page.lanes.items() if lane["what"] == "sent"]
+    with pytest.raises(UserError, match="there is no box of row"):
+        page.box(lanes[0], page.everything()[lanes[1]][0].row)
+
+
+def test_bytes_are_decoded_if_somebody_can(folder: Path):
+    index = opened(folder)
+    number = next(number for number, lane in enumerate(index.lanes) if lane.named.what == "sent")
+    row = int(index.lanes[number].boxes.rows[0])
+
+    def said(decode: Any) -> Any:
+        answer = Kept(index, folder, decode).answer(AskBox(say="box", lane=number, row=row))
+        assert isinstance(answer, dict)
+        return answer["decoded"]
+
+    def broken(payload: bytes, routed: bool) -> Any:
+        raise ValueError("no message")
+
+    assert said(lambda payload, routed: {"says": payload.hex(), "routed": routed}) == {
+        "says": "c0ffee",
+        "routed": False,
     }
-    text = page.inner_text(".tl-pin")
-    assert "4.5 dB" in text
-    assert "-62.0 dBm" in text
-    assert "hello robot" in text  # its bytes as letters
-    assert " ".join(PAYLOAD[at : at + 2] for at in range(0, len(PAYLOAD), 2)) in text
+    assert said(broken) is None
+    assert said(lambda payload, routed: {1, 2}) is None  # no plain data
+    assert said(None) is None
 
 
-def test_a_click_pins_and_escape_unpins(page: Any):
-    begin = PHASE + 48 * SLOT
-    look(page, begin - 3 * SLOT, begin + 6 * SLOT)
-    [box] = [each for each in page.evaluate(f"{LINE}.boxes()") if each["start_ns"] == begin and each["what"] == "sent"]
-    page.mouse.click(*page.evaluate(f"box => {LINE}.place(box)", box))
-    told(page, f"POLL, robot 0 to 1, {begin / S:.6f} s, channel {48 * 7 % 79}, received")
-    press(page, "n")
-    told(page, f"POLL, robot 0 to 2, {(begin + 24 * SLOT) / S:.6f} s")
-    press(page, "p")
-    told(page, f"POLL, robot 0 to 1, {begin / S:.6f} s")
-    press(page, "Escape")
-    assert page.evaluate(f"{LINE}.pinned()") is None
+def test_files_that_are_not_there_have_no_rows(folder: Path, tmp_path: Path):
+    assert Files(tmp_path).at("receptions", 0) == []
+    with pytest.raises(UserError, match=r"holds no receptions\.parquet"):
+        Files(tmp_path).row("receptions", 0)
 
 
-def test_two_cursors_measure_seconds_and_slots(page: Any):
-    begin = PHASE + 48 * SLOT
-    look(page, begin - 3 * SLOT, begin + 6 * SLOT)
-    [box] = [each for each in page.evaluate(f"{LINE}.boxes()") if each["start_ns"] == begin and each["what"] == "sent"]
-    page.mouse.click(*page.evaluate(f"box => {LINE}.place(box)", box))
-    page.mouse.move(0, 0)
-    press(page, "1", "n")
-    told(page, "POLL, robot 0 to 2")
-    press(page, "2")
-    told(page, f"from cursor 1 to 2: {24 * SLOT / S:.9f} s, 24 slots of 625 µs")
+# ---------------------------------------------------------------- over a WebSocket
 
 
-def test_a_hovered_frame_lights_its_robots_on_the_floor(page: Any):
-    begin = PHASE + 48 * SLOT
-    look(page, begin - 3 * SLOT, begin + 6 * SLOT)
-    before = pixels(page, "accent")
-    [box] = [each for each in page.evaluate(f"{LINE}.boxes()") if each["start_ns"] == begin and each["what"] == "sent"]
-    page.mouse.move(*page.evaluate(f"box => {LINE}.place(box)", box))
-    page.wait_for_timeout(100)
-    assert pixels(page, "accent") > before + 100
-    page.mouse.move(0, 0)
-    page.wait_for_timeout(100)
-    assert pixels(page, "accent") == before
+def binary(socket: ClientConnection) -> bytes:
+    """Return the next binary message."""
+    while True:
+        message = socket.recv(timeout=60)
+        if isinstance(message, bytes):
+            return message
 
 
-# ---------------------------------------------------------------- for everybody
+def test_a_page_is_told_the_lanes_once_and_answered_in_order(socket: ClientConnection):
+    told = next_of(socket, "lanes")
+    numbers = [lane["lane"] for lane in told["lanes"]]
+    assert told["peers"] is True
+    for number in range(40):
+        socket.send(json.dumps(WINDOW | {"number": number, "lanes": numbers, "to_ns": "5000"}))
+        found = read(binary(socket))
+        assert (found.number, sorted(found.boxes)) == (number, sorted(numbers))
+    for number in range(20):
+        socket.send(json.dumps(WINDOW | {"number": number}))
+    assert [read(binary(socket)).number for _ in range(20)] == list(range(20))
+    socket.send(json.dumps(FIND | {"number": 3}))
+    found = next_of(socket, "found")
+    assert found["number"] == 3
+    socket.send(json.dumps(BOX | {"number": 4, "lane": found["lane"], "row": found["row"]}))
+    box = next_of(socket, "box")
+    assert (box["number"], box["start_ns"]) == (4, found["start_ns"])
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", SIZES)
-def test_axe_finds_nothing(browser: Browser, served: Served, size: tuple[int, int], scheme: str):
-    with tab(browser, served, scheme=scheme) as page:
-        usual = page.viewport_size
-        page.set_viewport_size({"width": size[0], "height": size[1]})
-        page.wait_for_selector("#timeline:not([hidden])")
-        settled(page)
-        page.evaluate(axe())
-        assert page.evaluate(GRAVE) == []
-        press(page, "l")
-        told(page, SENTENCE)
-        page.evaluate("document.querySelectorAll('.tl-side details').forEach((each) => { each.open = true })")
-        page.wait_for_selector(".tl-listing td")
-        assert page.evaluate(GRAVE) == []
-        scrolled = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
-        assert scrolled == [*size]
-        page.set_viewport_size(usual)
+def test_a_page_that_asks_what_there_is_not_gets_one_error_and_goes_on(socket: ClientConnection):
+    socket.send(json.dumps(WINDOW | {"lanes": [999]}))
+    assert next_of(socket, "error")["why"] == "there is no lane 999: expected 0 to 62"
+    socket.send(json.dumps(WINDOW | {"lanes": "all"}))
+    assert "lanes" in next_of(socket, "error")["why"]
+    socket.send(json.dumps(WINDOW))
+    assert read(binary(socket)).number == 7
 
 
-def test_the_table_tells_what_is_in_the_window(page: Any, drawn: Any):
-    begin = LOST - 50 * SLOT
-    look(page, begin, begin + 100 * SLOT)
-    page.locator("summary", has_text="Table of the window").click()
-    page.wait_for_selector(".tl-listing td")
-    rows = page.locator(".tl-listing tbody tr").all_inner_texts()
-    expected = [row for row in drawn[1] if row.start + row.duration >= begin and row.start < begin + 100 * SLOT]
-    assert sum("POLL" in row or "NULL" in row or "DM1" in row for row in rows) == 2 * len(expected)
-    assert any("bit errors" in row and f"{LOST / S:.6f}" in row for row in rows)
-    press(page, "0")
-    page.wait_for_timeout(600)
-    assert page.locator(".tl-listing tbody tr").count() <= 220
-
-
-def test_the_address_leads_to_the_same_window(page: Any):
-    press(page, "l")
-    told(page, SENTENCE)
-    page.wait_for_function("() => location.hash.includes('span')")
-    page.wait_for_timeout(700)
-    shown = window(page)
-    address = page.url
-    page.goto("about:blank")
-    page.goto(address)
-    page.wait_for_selector("#timeline:not([hidden])")
-    assert window(page)[:2] == pytest.approx(shown[:2], abs=1)
+def test_a_page_that_asks_too_much_at_once_is_told(socket: ClientConnection):
+    next_of(socket, "lanes")
+    count = 3000
+    for number in range(count):
+        socket.send(json.dumps(WINDOW | {"number": number}))
+    answers, errors = [], 0
+    while not answers or answers[-1] != 5000:
+        message = socket.recv(timeout=60)
+        if isinstance(message, bytes):
+            answers.append(read(message).number)
+            socket.send(json.dumps(WINDOW | {"number": 5000}))
+        elif json.loads(message)["say"] == "error":
+            errors += 1
+            assert "too many questions wait" in message
+    assert answers == sorted(answers)
+    assert errors

@@ -64,8 +64,8 @@ export class Axis {
   show(from_ns, to_ns, follow = false) {
     const most_ns = Math.max(this.whole_ns, this.live ? FOLLOW_NS : 0);
     this.span_ns = Math.min(Math.max(to_ns - from_ns, LEAST_SPAN_NS), most_ns);
-    const end_ns = this.first_ns + most_ns;
-    this.from_ns = Math.max(this.first_ns, Math.min((from_ns + to_ns - this.span_ns) / 2, end_ns - this.span_ns));
+    const latest_ns = this.live ? this.last_ns : this.first_ns + most_ns - this.span_ns; // a run under way has a future
+    this.from_ns = Math.max(this.first_ns, Math.min((from_ns + to_ns - this.span_ns) / 2, latest_ns));
     this.follow = follow;
     this.changed();
   }

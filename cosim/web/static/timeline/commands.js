@@ -37,6 +37,7 @@ export function commands(timeline) {
       ["cursors-off", "✕", "No cursors", ["x"], () => measure.clear()],
       ["go", "go", "Have the run at this time", ["t"], () => timeline.go()],
       ["channels", "channels", "By RF channel", ["c"], () => timeline.show_channels(), () => timeline.rows.by_channel],
+      ["tall", "tall", "Most of the page for the timeline", ["g"], () => timeline.stretch(), () => timeline.split.tall],
     ],
   ];
 }
@@ -55,7 +56,27 @@ export class Controls {
       const buttons = group.map(([id, sign, title, keys, act, on]) => this.add(id, sign, title, keys, act, on));
       bar.append(element("span", { className: "tl-group" }, ...buttons));
     }
+    this.buttons = [...bar.querySelectorAll("button")];
+    this.buttons.forEach((button, number) => (button.tabIndex = number ? -1 : 0)); // the bar is one stop of the tabulator
+    bar.addEventListener("keydown", (event) => this.walk(event));
+    bar.addEventListener("focusin", (event) => this.enter(event.target));
     focus.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** Go from button to button by arrows. */
+  walk(event) {
+    const at = this.buttons.indexOf(event.target);
+    const last = this.buttons.length - 1;
+    const to = { ArrowLeft: at - 1, ArrowRight: at + 1, Home: 0, End: last }[event.key];
+    if (at < 0 || to === undefined) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.buttons[Math.min(last, Math.max(0, to))].focus();
+  }
+
+  /** Have the tabulator come back to the button that has the focus. */
+  enter(target) {
+    for (const button of this.buttons) button.tabIndex = button === target ? 0 : -1;
   }
 
   add(id, sign, title, keys, act, on) {
@@ -71,7 +92,10 @@ export class Controls {
 
   /** Show which switches are on. */
   show() {
-    for (const [button, on] of this.switches) button.setAttribute("aria-pressed", String(Boolean(on())));
+    for (const [button, on] of this.switches) {
+      const pressed = String(Boolean(on()));
+      if (button.getAttribute("aria-pressed") !== pressed) button.setAttribute("aria-pressed", pressed);
+    }
   }
 
   key(event) {

@@ -4,7 +4,7 @@ import { length } from "./axis.js";
 import { box_at, ends, mates } from "./boxes.js";
 import { element } from "./dom.js";
 import { show_box } from "./inspector.js";
-import { FRAME_LANES, sentence } from "./kinds.js";
+import { sentence } from "./kinds.js";
 import { sent, told } from "./wire.js";
 
 const NEAR_PX = 5; // the pointer, as near to a box as this, is at the box
@@ -23,6 +23,13 @@ export class Finder {
     this.sought = "box";
     this.panel = element("section", { className: "tl-pin", "aria-label": "Pinned", tabIndex: 0 });
     this.tip = element("div", { className: "tl-tip", "aria-hidden": "true", hidden: true });
+    this.show_pinned();
+  }
+
+  /** Forget what was pinned: the run is another one. */
+  forget() {
+    this.point(null, null);
+    this.pinned = null;
     this.show_pinned();
   }
 
@@ -131,13 +138,16 @@ export class Finder {
     page.send({ say: "find", kind, robot, lanes, lost, back, ...at });
   }
 
-  /** Numbers of the lanes to search: the one *here*, those like the lane of a box, or all that hold frames. */
+  /**
+   * Numbers of the lanes to search: the one *here*, those like the lane of a box, or all of frames that are sent, where a
+   * loss counts once, and not once for each that should have heard it; and for one robot those that it received.
+   */
   searched(here, like) {
     const { rows, row } = this.timeline;
     if (here) return row ? [row.lane.lane] : [];
     const own = like && rows.lanes.find(({ lane }) => lane === like.lane);
-    const fits = ({ what }) => (own ? what === own.what : FRAME_LANES.has(what) && (what === "channel") === rows.by_channel);
-    return rows.lanes.filter(fits).map(({ lane }) => lane);
+    const whats = own ? [own.what] : rows.by_channel ? ["channel"] : this.only ? ["sent", "received"] : ["sent"];
+    return rows.lanes.filter(({ what }) => whats.includes(what)).map(({ lane }) => lane);
   }
 
   /** Take what the server has found: pin it, or say that there is none. */

@@ -16,7 +16,7 @@ export function show_box(root, box, { unpin, go }) {
     element("p", {}, `${sentence(box)}.`),
     element("p", { className: "tl-acts" }, button("tl-unpin", "unpin", unpin), button("tl-go-there", "go there", go)),
   ];
-  if (box.receptions?.length) parts.push(heard(box.receptions));
+  if (box.receptions?.length) parts.push(heard(box.receptions, box.peer));
   const fields = box.fields.filter(([name]) => name !== "body" && name !== "payload"); // which are told as bytes
   const times = [["begins", `${seconds(box.start_ns, 9)} s`], ["lasts", length(duration_ns)]];
   parts.push(table("All fields", null, [...times, ...fields.map(([name, value]) => [name, worded(value)])]));
@@ -28,10 +28,10 @@ export function show_box(root, box, { unpin, go }) {
   root.replaceChildren(...parts);
 }
 
-function heard(receptions) {
+function heard(receptions, peer) {
   const number = (value, unit) => (value === null || value === undefined ? "–" : `${Number(value).toFixed(1)} ${unit}`);
   const rows = receptions.map((each) =>
-    [`robot ${each.robot}`, fate(each), number(each.sinr_db, "dB"), number(each.power_dbm, "dBm")]);
+    [`robot ${each.robot}${peer >= 0 && each.robot !== peer ? ", by chance" : ""}`, fate(each), number(each.sinr_db, "dB"), number(each.power_dbm, "dBm")]);
   return table("Who heard it", ["robot", "outcome", "SINR", "power"], rows);
 }
 

@@ -5,8 +5,13 @@ import { seconds } from "./axis.js";
 // numbers of the colours --kind-N; kinds that are not named here have the others by turns
 const COLOURS = {
   DM1: 0, DM3: 0, DM5: 0, DH1: 1, DH3: 1, DH5: 1, AUX1: 1, FHS: 2, ID: 3, HV1: 4, HV2: 4, HV3: 4, DV: 4,
-  POLL: 9, NULL: 9, DATA: 0, RTS: 2, CTS: 4, ACK: 3, FRAME: 0,
+  POLL: 9, NULL: 9, DATA: 0, RTS: 2, CTS: 4, ACK: 3, IDEAL: 0, OPTICAL: 0, message: 5,
+  inquiry: 3, inquiry_scan: 3, inquiry_backoff: 8, inquiry_response: 8, page: 2, page_scan: 2, page_response: 4,
+  master: 0, slave: 1, link: 0, hold: 5, sniff: 7, park: 6,
+  backoff: 5, difs: 9, eifs: 6, awaits_ack: 2, awaits_cts: 4, route: 8, off: 9, occluded: 6, on_air: 0,
+  camera_off: 7, clock_stepped: 7, crashed: 6, frozen: 6, killed: 6, jammer: 4, wall: 9,
 };
+const ROBOTS = 8; // that have colours of their own
 const OTHERS = 9;
 /** What lanes are of that hold frames. */
 export const FRAME_LANES = new Set(["sent", "received", "broadcasts", "channel"]);
@@ -25,6 +30,7 @@ export class Kinds {
 
   /** Take what the server has named. */
   take(kinds, outcomes) {
+    this.fresh = kinds.length !== this.by_code?.size; // others than before
     this.by_code = new Map(kinds.map((kind) => [kind.code, kind]));
     this.outcomes = new Map(outcomes.map((outcome) => [outcome.code, outcome]));
     this.losses = new Set(outcomes.filter(({ lost }) => lost).map(({ name }) => name));
@@ -39,6 +45,7 @@ export class Kinds {
       ["paper", "raised", "ink", "quiet", "line", "accent", "bad", "floor"].map((name) => [name, read(name)]),
     );
     const palette = Array.from({ length: 10 }, (_, number) => read(`kind-${number}`));
+    this.robots = Array.from({ length: ROBOTS }, (_, robot) => read(`robot-${robot}`));
     this.colours = new Map();
     this.words = new Map(); // colours as pixels
     let other = 0;
@@ -56,6 +63,12 @@ export class Kinds {
 
   colour(code) {
     return this.colours.get(code) ?? this.paint.quiet;
+  }
+
+  /** The colour of a state of a robot: a link of a piconet has that of its master. */
+  state_colour(code, robot, peer) {
+    const master = { master: robot, slave: peer ?? -1 }[this.name(code)] ?? -1;
+    return master >= 0 ? this.robots[master % ROBOTS] : this.colour(code);
   }
 
   /** Whether a kind is of frames, not of states. */

@@ -10,6 +10,11 @@ export class Measure {
   /** @param {import("./timeline.js").Timeline} timeline */
   constructor(timeline) {
     this.timeline = timeline;
+    this.forget();
+  }
+
+  /** Forget the cursors: the run is another one. */
+  forget() {
     this.times = [null, null]; // ns
   }
 
@@ -45,7 +50,7 @@ export class Measure {
 
   /** Take both cursors away. */
   clear() {
-    this.times = [null, null];
+    this.forget();
     this.timeline.say("");
     this.timeline.draw_over();
   }

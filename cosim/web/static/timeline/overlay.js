@@ -4,6 +4,12 @@ import { mates } from "./boxes.js";
 
 const RING_PX = 2;
 
+/** Whether there is anything to draw. */
+export function has_overlay({ axis, finder, measure, now_ns, row, focused }) {
+  const now = now_ns !== null && now_ns >= axis.from_ns && now_ns <= axis.to_ns;
+  return Boolean(now || finder.hovered || finder.pinned || (row && focused) || measure.times.some((ns) => ns !== null));
+}
+
 /** Draw on a pen in CSS pixels, of a canvas that lies over the painter's. */
 export function paint_overlay(pen, timeline) {
   const { axis, kinds, scroll_px, stage_px, now_ns } = timeline;
@@ -63,7 +69,7 @@ function paint_box(pen, timeline, box, colour) {
   pen.strokeStyle = colour;
   pen.lineWidth = 1;
   pen.setLineDash([]);
-  const own = rows.by_lane.get(box.lane);
+  const own = rows.of(box);
   if (own) {
     for (const mate of others) {
       const row = rows.by_lane.get(mate.lane);

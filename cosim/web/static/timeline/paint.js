@@ -1,6 +1,7 @@
 // The boxes on their canvas: rectangles while there are few, else a row of pixels a lane, in which what is lost wins.
 
-import { DCF_SLOT_NS, SLOT_NS, TICK_NS } from "./axis.js";
+import { paint_ground } from "./ground.js";
+import { hatched } from "./hatch.js";
 import { FRAME_LANES, HEARD } from "./kinds.js";
 
 const MOST_RECTANGLES = 4000; // more of them take longer than a frame of the screen
@@ -8,9 +9,8 @@ const LETTER_PX = 6.4;
 const LEAST_WORD_PX = 26;
 const THIN_PX = 6; // frames without a payload
 const INSET_PX = 3; // of what is not lost in a row of pixels
-const HATCH_PX = 6;
+const CHANNEL_GAP_PX = 0.5;
 const INSTANT_PX = 3; // what has no length
-const LEAST_SLOT_PX = 7;
 const MOST_JOINED = 600;
 const JOIN_NS_PER_PX = 25_000; // hairlines only where frames have a visible length
 const LOST_RANK = 1000;
@@ -36,18 +36,19 @@ export class Painter {
     const visible = rows.between(top, top + height);
     layers.forEach((answer, number) => this.paint_answer(pen, seen, visible, answer, number > 0));
     if (!rows.by_channel && axis.ns_per_px < JOIN_NS_PER_PX && this.drawn.length < MOST_JOINED) this.join(pen);
-    this.paint_ground(pen, seen, visible);
+    pen.globalCompositeOperation = "destination-over"; // what is drawn first stays on top
+    paint_ground(pen, this.kinds, seen, visible);
     pen.restore();
   }
 
   /** Draw one answer; *over*: in the place of a coarser one. */
-  paint_answer(pen, { axis }, visible, answer, over) {
+  paint_answer(pen, { axis, top, height }, visible, answer, over) {
     const left = Math.max(0, axis.place(answer.begin_ns));
     const right = Math.min(axis.width_px, axis.place(answer.end_ns));
     if (right <= left) return;
     pen.save();
     pen.beginPath();
-    pen.rect(left, visible[0]?.y ?? 0, right - left, 1e5);
+    pen.rect(left, top, right - left, height);
     pen.clip();
     const there = visible.filter((row) => answer.blocks.has(row.lane.lane));
     const parts = there.map((row) => ({ row, block: answer.blocks.get(row.lane.lane) }));
@@ -115,19 +116,22 @@ export class Painter {
       const code = block.codes[at];
       const [y, height] = this.extent(row, block, at);
       this.drawn.push([row, answer, at, x, y, width, height]);
-      pen.fillStyle = kinds.colour(code);
+      pen.fillStyle = state ? kinds.state_colour(code, row.lane.robot, block.peers?.[at]) : kinds.colour(code);
       if (state) this.paint_state(pen, x, y, width, height);
       else pen.fillRect(x, y, width, height);
       if (kinds.lost(block.outcomes[at])) this.paint_loss(pen, axis, block, at, x, y, width, height);
-      if (width >= LEAST_WORD_PX && height >= 9) this.paint_word(pen, row, block, at, x, y, width, height, state);
+      if (width >= LEAST_WORD_PX && height >= 9) {
+        this.paint_word(pen, row, block, at, [x, y, width, height], axis.width_px, state);
+      }
     }
   }
 
   /** Top and height of a box: frames without a payload are thin, and stand on the line between sent and received. */
   extent(row, block, at) {
+    if (row.lane.what === "channel") return [row.y, Math.max(1, row.height - CHANNEL_GAP_PX)];
     const [y, height] = [row.y + 1, row.height - 2];
     const thin = this.kinds.is_idle(block.codes[at]) && !this.kinds.lost(block.outcomes[at]) && height > THIN_PX;
-    if (row.lane.what === "channel" || !thin) return [y, height];
+    if (!thin) return [y, height];
     return [row.lane.what === "received" ? y : y + height - THIN_PX, THIN_PX];
   }
 
@@ -148,7 +152,7 @@ export class Painter {
     pen.fillStyle = bad;
     pen.fillRect(width < 5 ? x : left, y - 1, width < 5 ? Math.max(2, width) : wide, height + 2);
     if (width < 5) return;
-    pen.fillStyle = this.hatch(pen, paper);
+    pen.fillStyle = hatched(pen, paper);
     pen.fillRect(left, y, wide, height);
     const [middle, centre, arm] = [x + width / 2, y + height / 2, Math.min(5, height / 2, width / 2)];
     for (const [colour, thick] of [[paper, 4], [bad, 2]]) {
@@ -163,27 +167,12 @@ export class Painter {
     }
   }
 
-  hatch(pen, colour) {
-    if (this.hatched?.colour === colour) return this.hatched.pattern;
-    const tile = new OffscreenCanvas(HATCH_PX, HATCH_PX);
-    const lines = tile.getContext("2d");
-    lines.strokeStyle = colour;
-    lines.lineWidth = 1.4;
-    for (const shift of [-HATCH_PX, 0, HATCH_PX]) {
-      lines.moveTo(shift, HATCH_PX);
-      lines.lineTo(shift + HATCH_PX, 0);
-    }
-    lines.stroke();
-    this.hatched = { colour, pattern: pen.createPattern(tile, "repeat") };
-    return this.hatched.pattern;
-  }
-
-  paint_word(pen, row, block, at, x, y, width, height, state) {
+  paint_word(pen, row, block, at, [x, y, width, height], right, state) {
     const name = this.kinds.name(block.codes[at]).replaceAll("_", " ");
     const peer = block.peers?.[at];
     const arrow = row.lane.what === "sent" && peer >= 0 ? ` → ${peer}` : "";
     const left = Math.max(x, 0) + 4;
-    const room = Math.floor((Math.min(x + width, pen.canvas.clientWidth) - left - 2) / LETTER_PX);
+    const room = Math.floor((Math.min(x + width, right) - left - 2) / LETTER_PX);
     if (room < 2) return;
     const text = name.length + arrow.length <= room ? name + arrow : name.slice(0, room);
     if (text.length < name.length && text.length < 3) return;
@@ -217,42 +206,6 @@ export class Painter {
       pen.lineTo(x + 0.5, from_y < y ? y : y + height);
     }
     pen.stroke();
-    pen.globalAlpha = 1;
-  }
-
-  /** Draw what lies behind the boxes: slots, the lines of the lanes, and the robot that is selected. */
-  paint_ground(pen, { axis, rows, top, height, origin_ns, lit, wifi }, visible) {
-    const { paint } = this.kinds;
-    pen.globalCompositeOperation = "destination-over"; // what is drawn first stays on top
-    pen.fillStyle = paint.line;
-    if (!rows.by_channel) {
-      for (const row of visible) if (row.lane.what === "received") pen.fillRect(0, row.y - 0.5, axis.width_px, 1);
-    } else {
-      for (let channel = 9; channel < 79; channel += 10) {
-        pen.fillRect(0, (79 - channel - 1) * rows.channel_px - 0.5, axis.width_px, 0.5);
-      }
-    }
-    this.paint_slots(pen, axis, wifi ? DCF_SLOT_NS : SLOT_NS, origin_ns, top, height);
-    pen.fillStyle = paint.raised;
-    for (const group of rows.groups) {
-      if (group.robot !== null && group.robot === lit) pen.fillRect(0, group.y - 2, axis.width_px, group.height + 4);
-    }
-  }
-
-  paint_slots(pen, axis, slot_ns, origin_ns, top, height) {
-    const wide = slot_ns / axis.ns_per_px;
-    if (wide < LEAST_SLOT_PX) return;
-    pen.fillStyle = this.kinds.paint.ink;
-    const first = Math.floor((axis.from_ns - origin_ns) / slot_ns);
-    for (let slot = first; origin_ns + slot * slot_ns < axis.to_ns; slot += 1) {
-      const x = axis.place(origin_ns + slot * slot_ns);
-      pen.globalAlpha = 0.16;
-      if (slot_ns === SLOT_NS && wide > 10 * LEAST_SLOT_PX) {
-        pen.fillRect(axis.place(origin_ns + slot * slot_ns + TICK_NS), top, 0.5, height);
-      }
-      pen.globalAlpha = 0.055;
-      if (slot % 2) pen.fillRect(x, top, wide, height);
-    }
     pen.globalAlpha = 1;
   }
 }

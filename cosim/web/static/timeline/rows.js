@@ -4,8 +4,8 @@ const HEIGHTS_PX = { states: 14, sent: 17, received: 17, broadcasts: 14, message
 const FURTHER_PX = 12; // of a lane that holds what overlaps the boxes of another one
 const GAP_PX = 6;
 const LEAST_GROUP_PX = 26;
-const CHANNELS = 79;
-const LEAST_CHANNEL_PX = 3;
+export const CHANNELS = 79;
+const LEAST_CHANNEL_PX = 2;
 
 /** The rows of the lanes that are shown. */
 export class Rows {
@@ -53,7 +53,7 @@ export class Rows {
   /** A row for each channel, the highest on top; one that is wider than the others reaches over theirs. */
   lay_channels(height_px) {
     const lanes = this.lanes.filter(({ what }) => what === "channel");
-    const size = Math.max(LEAST_CHANNEL_PX, Math.floor(height_px / CHANNELS));
+    const size = Math.max(LEAST_CHANNEL_PX, height_px / CHANNELS);
     const group = { robot: null, radio: null, name: "RF channel", y: 0, height: size * CHANNELS, rows: [] };
     for (const lane of [...lanes].sort((one, other) => (other.width ?? 1) - (one.width ?? 1))) {
       const width = lane.width ?? 1;
@@ -64,6 +64,15 @@ export class Rows {
     this.groups = [group];
     this.channel_px = size;
     this.height = group.height;
+  }
+
+  /** The row that a box is in; of a frame that is pinned in the other view, that of its channel or of its sender. */
+  of(box) {
+    const own = this.by_lane.get(box.lane);
+    if (own || !box.detail) return own;
+    const { channel, source } = box.detail;
+    const fits = ({ lane }) => (this.by_channel ? lane.channel === channel : lane.what === "sent" && lane.robot === source);
+    return this.rows.find(fits);
   }
 
   /** Whether there are channels to be seen. */

@@ -13,15 +13,17 @@ import { show_legend } from "./legend.js";
 import { show_listing } from "./listing.js";
 import { Measure } from "./measure.js";
 import { Navigator } from "./navigator.js";
-import { paint_flags, paint_overlay } from "./overlay.js";
+import { has_overlay, paint_flags, paint_overlay } from "./overlay.js";
 import { Painter } from "./paint.js";
 import { Rows } from "./rows.js";
 import { paint_ruler } from "./ruler.js";
+import { Split } from "./split.js";
 import { Windows } from "./windows.js";
 
 const RULER_PX = 30;
 const STRIP_PX = 26;
 const MOST_LANES = 120; // beyond that only those are asked for that can be seen
+const MOST_ASKED = 200; // what the server takes in a request
 const SETTLED_MS = 300;
 
 /** The page's timeline. */
@@ -43,6 +45,7 @@ export class Timeline {
     this.selected = null; // robot
     this.row = null; // the lane that keys are about
     this.dirty = new Set();
+    this.blank = 0; // pictures with a part of which nothing was known
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
     this.axis = new Axis(() => this.moved());
     this.windows = new Windows((message) => page.send(message), () => this.draw());
@@ -60,6 +63,7 @@ export class Timeline {
       complete: () => this.windows.complete && this.dirty.size === 0,
       window: () => ({ from_ns: this.axis.from_ns, to_ns: this.axis.to_ns, width_px: this.axis.width_px }),
       pinned: () => this.finder.pinned,
+      blank: () => this.blank,
       place: (box) => this.box_place(box),
     });
   }
@@ -110,6 +114,7 @@ export class Timeline {
     part("div", "legend");
     part("div", "listing", { tabIndex: 0, role: "region", "aria-label": "Table of the window" });
     this.listed = element("details", {}, element("summary", {}, "Table of the window"), this.listing);
+    this.split = new Split(this.root.parentElement);
     const groups = commands(this);
     this.controls = new Controls(this.bar, this.overlay, [...groups, []]);
     this.controls.keys.set("Enter", () => this.finder.enter()).set("Escape", () => this.finder.unpin());
@@ -120,13 +125,14 @@ export class Timeline {
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
     const side = element("div", { className: "tl-side" }, this.finder.panel, legend, this.listed, keys);
     const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller);
-    this.root.replaceChildren(this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
+    this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
     this.navigator = new Navigator(this.strip, this);
     new Gestures(this.overlay, this, false);
     new Gestures(this.ruler, this, true);
     new ResizeObserver(() => this.resize()).observe(this.scroller);
     this.scroller.addEventListener("scroll", () => this.moved());
     for (const kind of ["focus", "blur"]) this.overlay.addEventListener(kind, () => this.draw_over());
+    window.addEventListener("hashchange", () => this.begun && this.restore());
     this.listed.addEventListener("toggle", () => this.settle());
   }
 
@@ -137,6 +143,8 @@ export class Timeline {
     this.live = scene.live;
     this.begun = false;
     this.windows.forget();
+    this.finder.forget();
+    this.measure.forget();
     this.root.hidden = true; // until the server names lanes
   }
 
@@ -161,7 +169,7 @@ export class Timeline {
     this.root.hidden = lanes.length === 0;
     const wifi = kinds.some(({ name }) => ["RTS", "CTS", "ACK", "DATA"].includes(name));
     this.wifi = wifi && !kinds.some(({ name }) => ["POLL", "NULL", "ID"].includes(name));
-    this.show_legend();
+    if (this.legend.childElementCount === 0 || this.kinds.fresh) this.show_legend();
     if (this.begun) this.axis.extend(Number(last_ns));
     else this.axis.begin(Number(first_ns), Number(last_ns), this.live);
     this.resize();
@@ -209,6 +217,7 @@ export class Timeline {
       canvas.width = Math.round(this.axis.width_px * this.ratio);
       canvas.height = Math.round(height * this.ratio);
     }
+    this.over = true;
     if (this.rows.by_channel) this.rows.lay(true, this.stage_px);
     this.moved();
   }
@@ -221,17 +230,19 @@ export class Timeline {
     this.draw();
     this.settle();
     this.finder.leave();
-    this.span.textContent = this.axis.span_ns >= 1e9 ? `${seconds(this.axis.span_ns, 1)} s wide` : `${length(this.axis.span_ns)} wide`;
+    const width = this.axis.span_ns >= 1e9 ? `${seconds(this.axis.span_ns, 1)} s wide` : `${length(this.axis.span_ns)} wide`;
+    if (this.span.textContent !== width) this.span.textContent = width;
     this.controls.show();
   }
 
   want() {
     const { rows, axis } = this;
     const near = rows.rows.length > MOST_LANES ? rows.between(this.scroll_px - this.stage_px, this.scroll_px + 2 * this.stage_px) : rows.rows;
-    const all = rows.lanes.filter(({ what }) => what === "sent").map(({ lane }) => lane); // what the navigator sums up
-    const lanes = near.map(({ lane }) => lane.lane);
+    const sums = rows.lanes.filter(({ what }) => what === "sent").map(({ lane }) => lane); // for the navigator
+    const lanes = near.slice(0, MOST_ASKED).map(({ lane }) => lane.lane);
+    const all = [...new Set([...lanes, ...sums])].slice(0, MOST_ASKED);
     const { from_ns, to_ns, ns_per_px, first_ns, last_ns } = axis;
-    this.wish = { lanes, all: rows.by_channel ? all : [...new Set([...all, ...lanes])], from_ns, to_ns, ns_per_px, run: [first_ns, last_ns] };
+    this.wish = { lanes, all, from_ns, to_ns, ns_per_px, run: [first_ns, last_ns] };
     this.windows.want(this.wish);
   }
 
@@ -257,14 +268,18 @@ export class Timeline {
     const { axis, rows, kinds, origin_ns, wifi, selected } = this;
     this.focused = document.activeElement === this.overlay;
     if (all) {
-      const seen = { axis, rows, layers: this.windows.layers(this.wish), top: this.scroll_px, height: this.stage_px };
+      const layers = this.windows.layers(this.wish);
+      this.blank += Number(!layers.some((each) => each.begin_ns <= axis.from_ns && each.end_ns >= Math.min(axis.to_ns, axis.last_ns)));
+      const seen = { axis, rows, layers, top: this.scroll_px, height: this.stage_px };
       this.painter.paint(this.pen(this.content), { ...seen, origin_ns, wifi, lit: selected });
     }
     const ruler = this.pen(this.ruler);
     paint_ruler(ruler, { axis, kinds, height: RULER_PX, origin_ns, wifi });
     paint_flags(ruler, this, RULER_PX);
     this.navigator.paint(this.pen(this.strip), STRIP_PX);
-    paint_overlay(this.pen(this.overlay), this);
+    const over = has_overlay(this);
+    if (over || this.over) paint_overlay(this.pen(this.overlay), this); // else it is as empty as it was: nothing costs
+    this.over = over;
   }
 
   pen(canvas) {
@@ -352,6 +367,13 @@ export class Timeline {
     this.controls.show();
   }
 
+  /** Give the timeline most of the page, or its usual part. */
+  stretch() {
+    this.split.toggle();
+    this.controls.show();
+  }
+
+  /** Show the lanes of RF channels, or again those of robots. */
   show_channels() {
     if (!this.rows.has_channels) this.say("No frame of this run has an RF channel.");
     else this.lay(!this.rows.by_channel);

@@ -3,6 +3,7 @@
 import { decoded, sent } from "./wire.js";
 
 const MARGIN = 0.35; // of the window, that is asked for on either side
+const MOST_CELLS = 8000; // that the server takes in a request, and some
 const MOST_KEPT = 16;
 const OVERVIEW_CELLS = 2048;
 const ANEW_MS = 200; // how often a run under way is asked for what is new
@@ -67,7 +68,7 @@ export class Windows {
       const answer = this.kept[at];
       if (answer.begin_ns > wish.from_ns || answer.end_ns < to_ns) continue;
       const anew = answer.known_ns < to_ns && performance.now() - answer.asked_ms > ANEW_MS;
-      if (!anew && wish.lanes.every((lane) => fine(answer, lane, wish.ns_per_px))) return answer;
+      if (!anew && wish.lanes.every((lane) => fine(answer, lane, step_of(wish)))) return answer;
     }
     return null;
   }
@@ -100,9 +101,11 @@ export class Windows {
     }, ANEW_MS);
   }
 
-  request({ lanes, from_ns, to_ns, ns_per_px, run }, now_ms) {
-    const margin_ns = (to_ns - from_ns) * MARGIN;
-    const step_ns = 2 ** Math.max(0, Math.floor(Math.log2(ns_per_px)));
+  request(wish, now_ms) {
+    const { lanes, from_ns, to_ns, run } = wish;
+    const step_ns = step_of(wish);
+    const spare = (MOST_CELLS * step_ns) / (to_ns - from_ns) - 1; // for both margins
+    const margin_ns = (to_ns - from_ns) * Math.min(MARGIN, spare / 2);
     const begin_ns = Math.floor(Math.max(run[0], from_ns - margin_ns) / step_ns) * step_ns;
     const end_ns = Math.ceil(Math.min(run[1], to_ns + margin_ns) / step_ns) * step_ns;
     this.submit({ lanes, from_ns: begin_ns, to_ns: Math.max(end_ns, begin_ns + step_ns), step_ns, run, now_ms });
@@ -127,8 +130,14 @@ export class Windows {
   }
 }
 
-/** Whether an answer shows a lane as finely as pixels do. */
-function fine(answer, lane, ns_per_px) {
+/** The width of the cells for what is wanted: a power of two, of at most a pixel, unless there are too many pixels. */
+function step_of({ from_ns, to_ns, ns_per_px }) {
+  const step_ns = 2 ** Math.max(0, Math.floor(Math.log2(ns_per_px)));
+  return (to_ns - from_ns) / step_ns > MOST_CELLS ? 2 * step_ns : step_ns;
+}
+
+/** Whether an answer shows a lane by cells of at most a width. */
+function fine(answer, lane, step_ns) {
   const block = answer.blocks.get(lane);
-  return block !== undefined && (block.boxes || answer.step_ns <= ns_per_px);
+  return block !== undefined && (block.boxes || answer.step_ns <= step_ns);
 }
