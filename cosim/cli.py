@@ -326,6 +326,7 @@ def _page_options(command: Any) -> Any:
 def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
     """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
     from cosim.installed import check_libraries
+    from cosim.web.anew import Anew
     from cosim.web.live import Live, rehearse
     from cosim.web.recorded import Recorded, is_trace
 
@@ -340,7 +341,7 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
         chosen = _scenario(what, sets)
         with _naming(what, sets):
             rehearse(chosen, chosen.seed if seed is None else seed)
-            session = Live(chosen, chosen.seed if seed is None else seed, playing=not paused)
+            session = Anew(lambda: Live(chosen, chosen.seed if seed is None else seed, playing=not paused))
     _show(session, None, **showing)
 
 
@@ -399,13 +400,16 @@ def _page_command(name: str) -> click.Command | None:
     ) -> None:
         from cosim.experiment import find_beside
         from cosim.installed import check_libraries
+        from cosim.web.anew import Anew
         from cosim.web.live import Live, rehearse
 
         check_libraries("pages", WEB_NEEDS)
         chosen = _scenario(str(find_beside(scenario, page.scenario)), sets)
         with _naming(scenario, sets):
             rehearse(chosen, chosen.seed if seed is None else seed, attended=True)
-            session = Live(chosen, chosen.seed if seed is None else seed, not paused, speed, attended=True)
+            session = Anew(
+                lambda: Live(chosen, chosen.seed if seed is None else seed, not paused, speed, attended=True)
+            )
         # a protocol's own page knows best what its consoles say
         _show(session, (chosen.protocol.spec.page or page).html, **showing)
 

@@ -387,6 +387,11 @@ class StoredTable:
         rows: list[dict[str, Any]] = self._table.slice(first, max(0, end - first)).to_pylist()
         return rows
 
+    def rows_at(self, numbers: Any) -> list[dict[str, Any]]:
+        """Return the rows with these *numbers*, an array, as ``rows`` does."""
+        rows: list[dict[str, Any]] = self._table.take(numbers).to_pylist()
+        return rows
+
 
 class TableFile:
     """A table of an earlier run that is too large to be read whole: by columns and groups of rows, in their order."""
@@ -427,10 +432,19 @@ class TableFile:
             return begin
         return begin + int(self._group(at).column(0).to_numpy().searchsorted(time, side="right"))
 
+    @property
+    def ends(self) -> Sequence[int]:
+        """Numbers of rows up to the end of each group."""
+        return self._ends
+
+    def group(self, at: int, names: Sequence[str]) -> dict[str, Any]:
+        """Return the columns *names* of the group of that number, as ``groups`` does."""
+        return {name: _plain(column) for name, column in self._columns(at, list(names)).items()}
+
     def groups(self, names: Sequence[str]) -> Iterator[dict[str, Any]]:
         """Yield for each group of rows the columns *names*: numbers as arrays, text as (codes, words by code)."""
         for at in range(len(self._ends)):
-            yield {name: _plain(column) for name, column in self._columns(at, list(names)).items()}
+            yield self.group(at, names)
 
     def row(self, number: int) -> dict[str, Any]:
         """Return the row of that *number*, by column; None for what it does not have."""

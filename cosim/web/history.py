@@ -1,21 +1,22 @@
 """What a page is sent of a run: where everything is, and what has happened since the last message."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from cosim.units import Time, to_seconds
+from cosim.web.activity import Activity
+from cosim.web.air import Air
 from cosim.web.messages import Plain
 from cosim.web.rows import Row, Rows
 
-# a page that is slow, or looks at a fast run, gets the newest rows only
-MOST_FRAMES: Final = 300
-"""Maximum number of frames in a message."""
 MOST_EVENTS: Final = 200
-"""Maximum number of events in a message."""
-TRAIL_TICKS: Final = 1200
-"""Number of ticks that the trails in a page's first message go back."""
-TRAIL_POINTS: Final = 240
-"""Maximum number of points, roughly, of such a trail."""
+"""Maximum number of events in a message: a page that is slow, or looks at a fast run, gets the newest only."""
+MOST_OF_KIND: Final = 20
+"""Maximum number of events of each type that are told besides these."""
+TRAIL_TICKS: Final = 240
+"""Number of ticks that the trails in a page's first message go back, before which they are coarse."""
+TRAIL_POINTS: Final = 600
+"""Maximum number of points, roughly, of the coarse part."""
 DOWN: Final = frozenset({"Killed", "Crashed", "BatteryEmpty"})
 """Events after which a robot does nothing any more."""
 UP: Final = frozenset({"Rebooted"})
@@ -23,7 +24,7 @@ UP: Final = frozenset({"Rebooted"})
 
 
 class Cursor(NamedTuple):
-    """What a page has been sent: the number of jumps in time, and of rows."""
+    """What a page has been sent: of which run, the number of jumps in time, and of rows; what robots were doing."""
 
     jumps: int
     frames: int
@@ -31,6 +32,8 @@ class Cursor(NamedTuple):
     shown: tuple[Any, ...]
     operator: int = 0
     ended: bool = False
+    doing: Hashable = None
+    run: int = 0
 
 
 class Moment(NamedTuple):
@@ -57,23 +60,27 @@ class History(NamedTuple):
     """What has happened, by kinds."""
 
     ticks: Rows
-    """A row for each world tick, with three numbers for each robot: x, y (m) and heading (rad)."""
-    frames: Rows
-    """Rows of start (s), transmitter, receiver or -1, packet type, outcome, length (B)."""
+    """A row for each world tick: its time (s), and three numbers for each robot, x, y (m) and heading (rad)."""
+    air: Air
+    activity: Activity
     events: Rows
     """Rows of number, time (s), robot, event, its fields."""
     marks: Rows
     """The events that have a place among their fields."""
+    kinds: Mapping[str, Rows]
+    """The events of each type, by its name."""
 
     def now(self, moment: Moment, cursor: Cursor | None) -> tuple[Plain | None, Cursor]:
         """Return the message ``now`` for a page that has been sent all up to *cursor*, and the new cursor.
 
-        The message is None if there is nothing new for the page.
+        The message is None if there is nothing new for the page. ``doing`` is in it if that differs from what was sent.
         """
-        frames, events = self.frames.until(moment.time), self.events.until(moment.time)
+        events = self.events.until(moment.time)
+        doing, intervals = self.activity.at(moment.time)
         fresh = cursor is None or cursor.jumps != moment.jumps
-        known = cursor or Cursor(moment.jumps, frames, events, ())
-        new = known._replace(jumps=moment.jumps, frames=frames, events=events, shown=moment.shown)
+        known = cursor or Cursor(moment.jumps, 0, events, ())
+        frames = self.air.until(moment.time)
+        new = known._replace(jumps=moment.jumps, frames=frames, events=events, shown=moment.shown, doing=doing)
         if new == cursor:
             return None, new
         message: Plain = {
@@ -84,28 +91,43 @@ class History(NamedTuple):
             "why": moment.why,
             "robots": moment.robots,
         }
+        message |= self.air.at(moment.time, moment.speed)
+        if fresh or doing != known.doing:
+            message["doing"] = intervals()
         if fresh:
             return message | self._from_before(moment.time, events), new
-        message["frames"] = self.frames.between(max(known.frames, frames - MOST_FRAMES), frames)
-        message["events"] = self.events.between(max(known.events, events - MOST_EVENTS), events)
-        message["left_out"] = max(0, events - MOST_EVENTS - known.events)
+        message["events"] = self._between(known.events, events, moment.time)
+        message["left_out"] = events - known.events - len(message["events"])
         return message, new
+
+    def _between(self, first: int, end: int, time: Time, marks: Sequence[Row] = ()) -> list[Row]:
+        """Return the events from *first* to before *end*, at *time*: the latest, also of each kind."""
+        rows = [*marks, *self.events.between(max(first, end - MOST_EVENTS), end)]
+        if end - first > MOST_EVENTS:
+            for of_kind in self.kinds.values():
+                count = of_kind.until(time)
+                rows += of_kind.between(count - MOST_OF_KIND, count)
+        by_number = {row[0]: row for row in rows if row[0] >= first}
+        return [by_number[number] for number in sorted(by_number)]
 
     def _from_before(self, time: Time, events: int) -> Plain:
         """Return what a page that has just connected is sent of the past."""
         marks = self.marks.until(time)
-        before = self.marks.between(marks - MOST_EVENTS, marks) + self.events.between(events - MOST_EVENTS, events)
-        by_number = {row[0]: row for row in before}
-        end = self.ticks.until(time)
-        first = max(self.ticks.first, end - TRAIL_TICKS)
-        ticks = self.ticks.between(first, end, max(1, (end - first) // TRAIL_POINTS))
+        marked = self.marks.between(marks - MOST_EVENTS, marks)
         return {
             "fresh": True,
-            "frames": [],
-            "events": [by_number[number] for number in sorted(by_number)],
+            "events": self._between(0, events, time, marked),
             "left_out": 0,
-            "trails": [list(map(list, zip(each[::3], each[1::3], strict=True))) for each in ticks],
+            "trails": self._trails(time),
         }
+
+    def _trails(self, time: Time) -> list[list[Any]]:
+        """Return rows of a time (s) and the place of each robot then: all of late, and fewer of long ago."""
+        end = self.ticks.until(time)
+        late = max(self.ticks.first, end - TRAIL_TICKS)
+        step = max(1, (late - self.ticks.first) // TRAIL_POINTS)
+        ticks = self.ticks.between(self.ticks.first, late, step) + self.ticks.between(late, end)
+        return [[tick[0], *map(list, zip(tick[1::3], tick[2::3], strict=True))] for tick in ticks]
 
 
 def places(names: Collection[str]) -> list[str]:

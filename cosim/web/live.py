@@ -21,8 +21,10 @@ from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
 from cosim.trace import FRAMES, INTERVALS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
 from cosim.units import S, Time, to_seconds
-from cosim.web.history import DOWN, MOST_FRAMES, TRAIL_TICKS, UP, Cursor, History, Moment, places
-from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
+from cosim.web.activity import PresentActivity
+from cosim.web.air import Frame, RecentAir
+from cosim.web.history import DOWN, MOST_OF_KIND, UP, Cursor, History, Moment, places
+from cosim.web.messages import Again, Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
 from cosim.web.rows import Rolling, Row
 from cosim.web.scenes import scene_of
@@ -35,7 +37,9 @@ _WISHES: Final = 64
 _ANSWERS: Final = 4096
 """Number of messages to the operator that are kept for pages that come late, or are slow."""
 _ROWS: Final = 2000
-"""Number of rows of each kind that are kept."""
+"""Number of events that are kept, and of marks."""
+_TICKS: Final = 6000
+"""Number of ticks that trails go back."""
 _PERIOD_S: Final = 0.03
 """Interval between two publications."""
 _HEARD: Final[Time] = 2
@@ -58,7 +62,9 @@ class Tap(Trace):
         self.down: set[int] = set()
         """Robots that do nothing any more."""
         self._ticks: list[tuple[int, list[float]]] = []
-        self._frames: deque[Row] = deque(maxlen=MOST_FRAMES)
+        self._frames: list[Frame] = []
+        self.seen = 0
+        """Number of frames so far."""
         self._events: list[Row] = []
         self._number = 0
         self._rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in self.tables if name != POSES.name}
@@ -73,12 +79,14 @@ class Tap(Trace):
             super().row(table, *values)
             self._events.append(self._event(values))
         elif table.name == "frames":
-            time, source, destination, _, kind, _, _, length, outcome, *_ = values
-            self._frames.append([to_seconds(time), source, destination, kind, outcome, length])
+            start, source, destination, duration, kind, channel, lt_addr, length, outcome, part, *radio = values
+            about = kind, outcome, length, channel, lt_addr, part
+            self._frames.append(Frame(start, start + duration, source, destination, *about, *(radio or (0,))))
+            self.seen += 1
         elif table.name == "poses":
             time, _, *pose = values
             if not self._ticks or self._ticks[-1][0] != time:
-                self._ticks.append((time, []))
+                self._ticks.append((time, [to_seconds(time)]))
             self._ticks[-1][1].extend(pose)
 
     def put(self, table: Table, *values: Any) -> None:
@@ -91,18 +99,22 @@ class Tap(Trace):
         for values in zip(*plain, strict=True):
             self.row(table, *values)
 
-    def fetched(self) -> tuple[list[Row], list[Row], list[Row]]:
-        """Drain the rows since the last call: ticks, frames (the latest), events."""
+    def fetched(self) -> tuple[list[Row], list[Frame], list[Row]]:
+        """Drain the rows since the last call: ticks, frames, events."""
         ticks = [pose for _, pose in self._ticks]
-        frames, events = list(self._frames), self._events
-        self._ticks, self._events = [], []
-        self._frames.clear()
+        frames, events = self._frames, self._events
+        self._ticks, self._frames, self._events = [], [], []
         return ticks, frames, events
 
     def grown(self) -> dict[str, list[tuple[Any, ...]]]:
         """Drain the rows since the last call of all tables but that of poses, by the table's name."""
         rows, self._rows = self._rows, {name: [] for name in self._rows}
         return rows
+
+    @property
+    def told(self) -> int:
+        """Number of events so far."""
+        return self._number
 
     def _event(self, values: tuple[Any, ...]) -> Row:
         time, source, name, *rest = values
@@ -158,15 +170,17 @@ class Live:
         self._scene = scene_of(scenario, self._simulation.floorplan, seed) | {"live": True, "attended": attended}
         self._team = scenario.team.size
         self._tick = scenario.tick
+        self._slot: Time | None = self._scene["slot_ns"]
         self._pace = Pace(speed, playing, time.monotonic())
         self._wishes: deque[Wish] = deque()
-        self._until: Time | None = None
-        """End of the steps that are being taken."""
+        self._steps: tuple[str, int] | None = None
+        """Where the steps that are being taken end: at a time, or when so many frames or events are known."""
         self._closing = threading.Event()
         self._lock = threading.Lock()
         self._marks, self._events = Rolling(_ROWS), Rolling(_ROWS)
-        self._frames, self._ticks = Rolling(_ROWS), Rolling(TRAIL_TICKS)
-        self._history = History(self._ticks, self._frames, self._events, self._marks)
+        self._air, self._activity, self._ticks = RecentAir(), PresentActivity(), Rolling(_TICKS)
+        self._kinds: dict[str, Rolling] = {}
+        self._history = History(self._ticks, self._air, self._activity, self._events, self._marks, self._kinds)
         self._answers = Rolling(_ANSWERS)
         self._timeline = Grown(self._simulation.trace.tables.values(), partial(decoded, scenario))
         self._ending: Plain | None = None
@@ -193,14 +207,23 @@ class Live:
         return self._thread.is_alive()
 
     @property
+    def state(self) -> str:
+        """What the run is doing, as pages were told last."""
+        return self._moment.state
+
+    @property
     def _busy(self) -> bool:
         """True if the simulation's thread has published nothing for long."""
         return self.running and time.monotonic() - self._published_s > _BUSY_S
 
     def wish(self, wish: Wish) -> None:
         """Have the simulation's thread do what a page asks for; raise UserError, one line, if it cannot be done."""
-        if isinstance(wish, Seek) or (isinstance(wish, Step) and wish.ticks < 1):
+        if isinstance(wish, Again):
+            raise UserError("this run cannot begin anew")
+        if isinstance(wish, Seek) or (isinstance(wish, Step) and wish.count < 1):
             raise UserError("this run is under way: it only goes on")
+        if isinstance(wish, Step) and wish.by == "slot" and self._slot is None:
+            raise UserError("this run has no slots")
         if isinstance(wish, Operate) and wish.robot >= self._team:
             raise UserError(f"there is no robot {wish.robot}: the team has robots 0 to {self._team - 1}")
         if self._moment.state in ("ended", "failed"):
@@ -274,9 +297,9 @@ class Live:
                 self._pace.play(wall)
             case Pause():
                 self._pause(now, wall)
-            case Step(ticks=ticks):
+            case Step(by=by, count=count):
                 self._pause(now, wall)
-                self._until = (now // self._tick + ticks) * self._tick + 1
+                self._steps = by, self._end_of_steps(now, by, count)
             case Speed(speed=speed):
                 self._pace.change(speed, wall)
             case Operate(robot=robot, data=data):
@@ -287,14 +310,36 @@ class Live:
 
     def _stepped(self, begun: float) -> bool:
         """Go on with steps; return whether none are left, all taken or cut short by a pause."""
-        if self._until is None:
+        if self._steps is None:
             return True
         with self._lock:
             cut = any(isinstance(wish, Pause) for wish in self._wishes)
-        if not cut and not self._reach(self._until, begun):
+        if not cut and not self._taken(*self._steps, begun):
             return False
-        self._until = None
+        self._steps = None
         self._pause(self._simulation.kernel.now, time.monotonic())
+        return True
+
+    def _end_of_steps(self, now: Time, by: str, count: int) -> int:
+        """Return where steps from *now* end: a time, or the number of frames or events that are known then."""
+        trace: Any = self._simulation.trace
+        if by == "frame":
+            return int(trace.seen) + count
+        if by == "event":
+            return int(trace.told) + count
+        step = self._tick if by == "tick" else self._slot or self._tick
+        return (now // step + count) * step + 1
+
+    def _taken(self, by: str, end: int, begun: float) -> bool:
+        """Advance to the *end* of steps; return False if that takes too long, or if the session is closed."""
+        if by in ("tick", "slot"):
+            return self._reach(end, begun)
+        simulation, kernel = self._simulation, self._simulation.kernel
+        trace: Any = simulation.trace
+        while (trace.seen if by == "frame" else trace.told) < end and not simulation.over:
+            simulation.advance(max(kernel.now, kernel.peek()[0]) + 1)
+            if time.monotonic() - begun > _SPELL_S or self._closing.is_set():
+                return False
         return True
 
     def _pause(self, now: Time, wall: float) -> None:
@@ -326,15 +371,17 @@ class Live:
             for at, robot, payload in said
         ]
         moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
-        now = self._simulation.kernel.now
-        self._timeline.take(trace.grown(), self._simulation.under_way(), now)
+        doing = self._simulation.under_way()
+        self._timeline.take(trace.grown(), doing, self._simulation.kernel.now)
         with self._lock:
             for row in ticks:
                 self._ticks.append(row)
-            for row in frames:
-                self._frames.append(row)
+            for frame in frames:
+                self._air.append(frame)
+            self._activity.put(doing)
             for row in events:
                 self._events.append(row)
+                self._kinds.setdefault(row[3], Rolling(MOST_OF_KIND)).append(row)
                 if places(row[4]):  # its fields name a place
                     self._marks.append(row)
             for answer in answers:
@@ -357,7 +404,7 @@ class Live:
             return "failed"
         if self._simulation.over:
             return "ended"
-        return "playing" if self._pace.playing or self._until is not None else "paused"
+        return "playing" if self._pace.playing or self._steps is not None else "paused"
 
     def _robots(self) -> list[list[Any]]:
         simulation = self._simulation

@@ -2,14 +2,16 @@
 
 A message is one JSON object in one WebSocket text frame; its ``say`` is its kind. To the server:
 
-    {"say": "play"}  {"say": "pause"}  {"say": "step", "ticks": 1}  {"say": "speed", "speed": 2.5}
-    {"say": "seek", "time_s": 12.0}  {"say": "operator", "robot": 0, "data": {...}}
+    {"say": "play"}  {"say": "pause"}  {"say": "speed", "speed": 2.5}  {"say": "step", "by": "tick", "count": 1}
+    {"say": "seek", "time_s": 12.0}  {"say": "reach", "robot": 0, "x_m": 1.0, "y_m": 2.0}
+    {"say": "operator", "robot": 0, "data": {...}}  {"say": "again"}
 
 To the page: ``scene`` (what does not change, and ``page``, a number that no other connection to the server has: all
 pages are sent what robots answer, and find their own answers by it), ``now`` (where everything is, and what has
 happened since the last one), ``operator`` (what a robot sends to its operator), ``ended`` (the metrics), ``missed``
-(how many answers a slow page was not sent) and ``error`` (with ``why``, and the ``data`` that therefore no robot
-receives, so that the page does not wait for an answer).
+(how many answers a slow page was not sent), ``reach`` (see :mod:`cosim.web.reach`), ``again`` (a new run has begun: the
+page is to connect again) and ``error`` (with ``why``, and the ``data`` that therefore no robot receives, so that the
+page does not wait for an answer).
 """
 
 import json
@@ -44,10 +46,11 @@ class Pause(Settings):
 
 
 class Step(Settings):
-    """Pause, and go on by a few ticks of the world; backwards in a recorded run only."""
+    """Pause, and go on by ticks of the world, slots of the radio, frames or events; back in a recorded run only."""
 
     say: Literal["step"]
-    ticks: int = Field(default=1, ge=-1000, le=1000)
+    by: Literal["tick", "slot", "frame", "event"] = "tick"
+    count: int = Field(default=1, ge=-1000, le=1000)
 
 
 class Speed(Settings):
@@ -72,13 +75,30 @@ class Operate(Settings):
     data: dict[str, JsonValue]
 
 
-Wish: TypeAlias = Play | Pause | Step | Speed | Seek | Operate
+class Again(Settings):
+    """Begin a run anew that has ended."""
+
+    say: Literal["again"]
+
+
+class AskReach(Settings):
+    """Ask how far a robot is heard from a place of the floor."""
+
+    say: Literal["reach"]
+    robot: int = Field(ge=0, lt=1 << 31)
+    x_m: float = Field(ge=-1e6, le=1e6)
+    y_m: float = Field(ge=-1e6, le=1e6)
+
+
+Wish: TypeAlias = Play | Pause | Step | Speed | Seek | Operate | Again
 """What a page may ask for."""
 
-_ASKED: TypeAdapter[Wish | Question] = TypeAdapter(Annotated[Wish | Question, Field(discriminator="say")])
+Asked: TypeAlias = Wish | AskReach | Question
+"""All that a page may send."""
+_ASKED: TypeAdapter[Asked] = TypeAdapter(Annotated[Asked, Field(discriminator="say")])
 
 
-def parsed(text: str | bytes) -> Wish | Question:
+def parsed(text: str | bytes) -> Asked:
     """Return what a page asks for in *text*; raise UserError, one line, if that is no message."""
     try:
         return _ASKED.validate_json(text)

@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from cosim.arrays import Int64s
 from cosim.decoding import decoded
 from cosim.documents import is_file
 from cosim.errors import UserError
@@ -17,15 +18,18 @@ from cosim.scenario import Scenario, protocol_names
 from cosim.timeline.detail import Decode
 from cosim.timeline.index import Told, opened
 from cosim.trace import StoredTable, TableFile
-from cosim.units import Time, from_seconds, to_seconds
+from cosim.units import S, Time, from_seconds, to_seconds
+from cosim.web.activity import StoredActivity
+from cosim.web.air import StoredAir
 from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
-from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
+from cosim.web.messages import Again, Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
-from cosim.web.rows import Filed, Row, Rows, Stored
+from cosim.web.rows import Counted, Row, Stored
 from cosim.web.scenes import read_scene
 from cosim.web.timeline import Kept, Timeline
 
 _MARGIN_M = 1.0
+_Table = TypeVar("_Table")
 
 
 class Recorded:
@@ -45,22 +49,29 @@ class Recorded:
         """
         poses = StoredTable(_existing(folder, "poses"))
         self._times, self._poses = _by_tick(poses)
-        events = StoredTable(folder / "events.parquet") if (folder / "events.parquet").is_file() else None
-        frames = TableFile(folder / "frames.parquet") if (folder / "frames.parquet").is_file() else None
-        marks = _marked(events)
+        events, links = (_table(folder, name, StoredTable) for name in ("events", "links"))
+        frames, intervals = (_table(folder, name, TableFile) for name in ("frames", "intervals"))
+        marks, kinds = _marked(events), _by_kind(events)
         self._downs = _downs(events)
+        air, activity = StoredAir(frames), StoredActivity(intervals, links)
+        seconds = self._times[:, None] / S
+        ticks = np.concatenate([seconds, self._poses.reshape(len(self._times), -1)], axis=1)
+        shown = _events(events, None)
         self._history = History(
-            ticks=Stored(self._times, lambda a, b, step: self._poses[a:b:step].reshape(-1, self._width).tolist()),
-            frames=_frames(frames),
-            events=_events(events, None),
+            ticks=Stored(self._times, lambda first, end, step: ticks[first:end:step].tolist()),
+            air=air,
+            activity=activity,
+            events=shown,
             marks=_events(events, marks),
+            kinds={name: _events(events, numbers) for name, numbers in kinds.items()},
         )
         ends = [int(table.column("time_ns")[-1]) for table in (poses, events) if table is not None and len(table)]
         self._end: Time = max(*ends, 0 if frames is None else frames.last)
+        self._rows: dict[str, Counted] = {"frame": air, "event": shown}
         self._scene = _scene(folder, self._poses, self._end) | {"live": False}
-        self._tick = from_seconds(self._scene["tick_s"])
-        index = opened(folder, told, say)
-        self._timeline = Kept(index, folder, _decoding(poses.metadata))
+        self._scene["kinds"] = {name: len(numbers) for name, numbers in kinds.items()}
+        self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
+        self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata))
         self._wall = wall
         self._pace = Pace(playing=playing, wall_s=wall())
         self._jumps = 0
@@ -69,11 +80,6 @@ class Recorded:
     def scene(self) -> Plain:
         """What does not change."""
         return self._scene
-
-    @property
-    def _width(self) -> int:
-        """Number of columns of a tick."""
-        return 3 * int(self._poses.shape[1])
 
     def wish(self, wish: Wish) -> None:
         """Do what a page asks for; raise UserError, one line, if it cannot be done."""
@@ -86,13 +92,15 @@ class Recorded:
                 self._pace.play(wall)
             case Pause():
                 self._pace.pause(wall)
-            case Step(ticks=ticks):
+            case Step(by=by, count=count):
                 self._pace.pause(wall)
-                self._jump(now + ticks * self._tick, wall, fresh=ticks < 0)
+                self._jump(self._stepped(now, by, count), wall, fresh=count < 0)
             case Speed(speed=speed):
                 self._pace.change(speed, wall)
             case Seek(time_s=seconds):
                 self._jump(from_seconds(seconds), wall)
+            case Again():
+                raise UserError("this run is a recorded one: go back to its beginning instead")
             case Operate():
                 raise UserError("this run is a recorded one: nobody hears its operator")
 
@@ -123,6 +131,22 @@ class Recorded:
     def _jump(self, to: Time, wall: float, fresh: bool = True) -> None:
         self._pace.jump(min(max(to, 0), self._end), wall)
         self._jumps += fresh
+
+    def _stepped(self, now: Time, by: str, count: int) -> Time:
+        """Return the time *count* steps from *now*; raise UserError for steps that the run has none of."""
+        step = self._steps.get(by)
+        if step is not None:
+            return now + count * step
+        rows = self._rows.get(by)
+        end = 0 if rows is None else rows.until(self._end)
+        if rows is None or not end:
+            raise UserError(f"this run has no {by}s")
+        for _ in range(abs(count)):
+            number = rows.until(now) if count > 0 else rows.until(now - 1) - 1
+            if not 0 <= number < end:
+                return self._end if count > 0 else 0
+            now = rows.time(number)
+        return now
 
     def _robots(self, now: Time) -> list[Row]:
         """Return where the robots are: between two ticks on the line from one place to the next."""
@@ -164,7 +188,7 @@ def _existing(folder: Path, name: str) -> Path:
     return path
 
 
-def _by_tick(poses: StoredTable) -> tuple[np.ndarray[Any, np.dtype[np.int64]], np.ndarray[Any, np.dtype[np.float64]]]:
+def _by_tick(poses: StoredTable) -> tuple[Int64s, np.ndarray[Any, np.dtype[np.float64]]]:
     """Return the times of the ticks, and the poses, shape (ticks, robots, 3)."""
     times, robots = poses.column("time_ns"), poses.column("source")
     size = int(robots.max()) + 1 if len(poses) else 0
@@ -174,19 +198,12 @@ def _by_tick(poses: StoredTable) -> tuple[np.ndarray[Any, np.dtype[np.int64]], n
     return times[::size], np.stack(columns, axis=1).reshape(-1, size, 3)
 
 
-def _frames(table: TableFile | None) -> Rows:
-    if table is None:
-        return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
-    names = ("source", "destination", "kind", "outcome", "length")
-
-    def read(first: int, end: int, step: int) -> list[Row]:
-        rows = table.rows(first, end)[::step]
-        return [[to_seconds(row["time_ns"]), *(row[name] for name in names)] for row in rows]
-
-    return Filed(table, read)
+def _table(folder: Path, name: str, kind: Callable[[Path], _Table]) -> _Table | None:
+    path = folder / f"{name}.parquet"
+    return kind(path) if path.is_file() else None
 
 
-def _marked(table: StoredTable | None) -> np.ndarray[Any, np.dtype[np.int64]]:
+def _marked(table: StoredTable | None) -> Int64s:
     """Return the numbers of the events that have a place among their fields."""
     if table is None:
         return np.zeros(0, dtype=np.int64)
@@ -194,18 +211,25 @@ def _marked(table: StoredTable | None) -> np.ndarray[Any, np.dtype[np.int64]]:
     return np.flatnonzero(np.logical_or.reduce(told)) if told else np.zeros(0, dtype=np.int64)
 
 
-def _events(table: StoredTable | None, numbers: np.ndarray[Any, np.dtype[np.int64]] | None) -> Stored:
-    """Return all events of *table*, or only those with *numbers*."""
+def _by_kind(table: StoredTable | None) -> dict[str, Int64s]:
+    """Return the numbers of the events of each type, by its name."""
+    names = np.empty(0, dtype=str) if table is None else table.column("event").astype(str)
+    return {name: np.flatnonzero(names == name) for name in np.unique(names).tolist()}
+
+
+def _events(table: StoredTable | None, numbers: Int64s | None) -> Stored:
+    """Return the events of *table*, all or only those with these *numbers*."""
     if table is None:
         return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
     times = table.column("time_ns")
 
-    def read(first: int, end: int, step: int) -> list[Row]:
-        if numbers is None:
-            return [_event(first + at, row) for at, row in enumerate(table.rows(first, end))][::step]
-        return [_event(at, table.rows(at, at + 1)[0]) for at in numbers[first:end:step].tolist()]
+    chosen = np.arange(len(table)) if numbers is None else numbers
 
-    return Stored(times if numbers is None else times[numbers], read)
+    def read(first: int, end: int, step: int) -> list[Row]:
+        asked = chosen[first:end:step]
+        return [_event(number, row) for number, row in zip(asked.tolist(), table.rows_at(asked), strict=True)]
+
+    return Stored(times[chosen], read)
 
 
 def _event(number: int, row: dict[str, Any]) -> Row:
@@ -219,8 +243,7 @@ def _downs(table: StoredTable | None) -> list[tuple[Time, int, bool]]:
     if table is None:
         return []
     names = table.column("event")
-    changes = np.flatnonzero(np.isin(names.astype(str), [*DOWN, *UP])).tolist()
-    rows = (table.rows(at, at + 1)[0] for at in changes)
+    rows = table.rows_at(np.flatnonzero(np.isin(names.astype(str), [*DOWN, *UP])))
     return [(row["time_ns"], row["source"], row["event"] in DOWN) for row in rows]
 
 
@@ -243,4 +266,5 @@ def _scene(folder: Path, poses: np.ndarray[Any, np.dtype[np.float64]], end: Time
         "places_m": {},
         "base_m": None,
         "radii_m": [0.2] * poses.shape[1],
+        "slot_ns": None,
     }

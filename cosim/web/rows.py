@@ -7,7 +7,6 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from cosim.trace import TableFile
 from cosim.units import Time
 
 Row: TypeAlias = list[Any]
@@ -28,6 +27,16 @@ class Rows(Protocol):
         """Return the rows from number *first* to before *end*, each *step*-th of them."""
 
 
+class Counted(Protocol):
+    """Rows that are numbered from 0, and have times."""
+
+    def until(self, time: Time) -> int:
+        """Return the number of rows up to *time*."""
+
+    def time(self, number: int) -> Time:
+        """Return the time of the row of that *number*."""
+
+
 class Stored:
     """Rows of a recorded run, which are read when they are asked for."""
 
@@ -45,31 +54,13 @@ class Stored:
         """Return the number of rows up to *time*."""
         return int(np.searchsorted(self._times, time, side="right"))
 
+    def time(self, number: int) -> Time:
+        """Return the time of the row of that *number*."""
+        return int(self._times[number])
+
     def between(self, first: int, end: int, step: int = 1) -> list[Row]:
         """Return the rows from number *first* to before *end*, each *step*-th of them."""
         return self._read(max(0, first), min(end, len(self._times)), step)
-
-
-class Filed:
-    """Rows of a recorded run that are too many for the memory."""
-
-    def __init__(self, table: TableFile, read: Callable[[int, int, int], list[Row]]) -> None:
-        """Take the *table*, and *read*, (first, end, step) -> the rows with these numbers."""
-        self._table = table
-        self._read = read
-
-    @property
-    def first(self) -> int:
-        """Number of the oldest row that is kept."""
-        return 0
-
-    def until(self, time: Time) -> int:
-        """Return the number of rows up to *time*."""
-        return self._table.until(time)
-
-    def between(self, first: int, end: int, step: int = 1) -> list[Row]:
-        """Return the rows from number *first* to before *end*, each *step*-th of them."""
-        return self._read(max(0, first), min(end, len(self._table)), step)
 
 
 class Rolling:

@@ -6,9 +6,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.bluetooth.settings import BluetoothSettings
+from cosim.channels.kinds import ChannelSettings
+from cosim.channels.radios import RadiosSettings
 from cosim.errors import UserError
 from cosim.scenario import Scenario
+from cosim.units import SLOT, Time
 from cosim.web.messages import Plain
+from cosim.web.reach import radios_of
 from cosim.world.floorplan import Floorplan
 
 FILE: Final = "scene.json"
@@ -30,7 +36,22 @@ def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
         "places_m": {name: [list(point) for point in points] for name, points in floor.places_m.items()},
         "base_m": _base(scenario, floor),
         "radii_m": [body.radius_m for body in scenario.team.bodies],
+        "slot_ns": _slot(scenario.channel),
+        "wall_losses_db": np.round(floor.wall_loss_db, 3).tolist(),
+        "radios": radios_of(scenario.channel, scenario.team),
     }
+
+
+def _slot(settings: ChannelSettings) -> Time | None:
+    """Return how long a slot of the channel is, ns; None where there are none."""
+    match settings:
+        case BluetoothSettings():
+            return SLOT
+        case AdhocSettings():
+            return settings.radio.slot
+        case RadiosSettings(radios=radios):
+            return next((slot for slot in map(_slot, radios) if slot is not None), None)
+    return None
 
 
 def _base(scenario: Scenario, floor: Floorplan) -> list[float] | None:

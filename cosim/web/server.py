@@ -26,7 +26,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from cosim.errors import UserError
 from cosim.web.guard import HOST, Guard
 from cosim.web.history import Cursor
-from cosim.web.messages import LONGEST, Plain, Wish, error, parsed, written
+from cosim.web.messages import LONGEST, AskReach, Plain, Wish, error, parsed, written
+from cosim.web.reach import reach
 from cosim.web.timeline import Known, Question, Timeline
 
 STATIC: Final = Path(__file__).parent / "static"
@@ -169,7 +170,10 @@ class Server:
             wish = None
             try:
                 asked = parsed(message.get("bytes") or b"" if given is None else given)
-                if isinstance(asked, Question):
+                if isinstance(asked, AskReach):
+                    place = asked.x_m, asked.y_m
+                    waiting.faults.append(await asyncio.to_thread(reach, self.session.scene, asked.robot, place))
+                elif isinstance(asked, Question):
                     waiting.ask(asked)
                 else:
                     wish = asked

@@ -64,7 +64,7 @@ def test_the_page_and_all_that_it_loads_are_there(served: Served, path: str):
 
 @pytest.mark.parametrize("folder", [STATIC, PLAYBOOK.html.parent])
 def test_nothing_is_loaded_from_elsewhere(folder: Path):
-    for path in folder.iterdir():
+    for path in folder.rglob("*.*"):
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")  # a name, not an address
         assert "http://" not in text
         assert "https://" not in text

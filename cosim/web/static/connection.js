@@ -1,9 +1,9 @@
 // The WebSocket to the server that this page came from: it reports when it is lost, and reconnects on request.
 
-/** A connection that can be opened again; messages are objects with a `say`. */
+/** A connection that can be opened again; messages are objects with a `say`, or bytes. */
 export class Connection {
   /**
-   * @param {{message: (message: object) => void, opened: () => void, lost: (why: string) => void}} told
+   * @param {{message: (message: object) => void, bytes?: (buffer: ArrayBuffer) => void, opened: () => void, lost: (why: string) => void}} told
    */
   constructor(told) {
     this.told = told;
@@ -23,12 +23,15 @@ export class Connection {
     const socket = new WebSocket(address);
     let was_open = false;
     this.socket = socket;
+    socket.binaryType = "arraybuffer";
     socket.addEventListener("open", () => {
       was_open = true;
       if (socket === this.socket) this.told.opened();
     });
     socket.addEventListener("message", (event) => {
-      if (socket === this.socket) this.told.message(JSON.parse(event.data));
+      if (socket !== this.socket) return;
+      if (event.data instanceof ArrayBuffer) this.told.bytes?.(event.data);
+      else this.told.message(JSON.parse(event.data));
     });
     socket.addEventListener("close", (event) => {
       if (socket !== this.socket) return;

@@ -2,14 +2,20 @@
 
 const MOST_ZOOM = 40;
 const DRAG_PX = 6; // a shorter movement is a click
-const KEY_ZOOM = 1.4;
+export const KEY_ZOOM = 1.4;
+const FOLLOWED_ZOOM = 3;
 const KEY_PX = 60;
 
 /** The zoom of a floor and the point in its middle, as the user chooses them. */
 export class Lens {
-  /** @param {import("./floor.js").Floor} floor */
-  constructor(floor) {
+  /**
+   * @param {import("./floor.js").Floor} floor
+   * @param {() => void} moved is called when the user has changed it
+   */
+  constructor(floor, moved = () => {}) {
     this.floor = floor;
+    this.moved = moved;
+    this.following = false; // the robot that is selected stays in the middle
     this.zoom = 1;
     this.centre = null; // (m); null: that of the whole floor
     this.pointers = new Map();
@@ -29,14 +35,43 @@ export class Lens {
   fit() {
     this.zoom = 1;
     this.centre = null;
+    this.following = false;
     this.show();
+  }
+
+  /** The zoom next to another that there can be. */
+  bounded(zoom) {
+    return Math.min(MOST_ZOOM, Math.max(1, zoom));
+  }
+
+  /** Magnify by *factor* about the middle of what is visible. */
+  magnify_middle(factor) {
+    const box = this.floor.canvas.getBoundingClientRect();
+    this.magnify(factor, box.left + box.width / 2, box.top + box.height / 2);
+  }
+
+  /** Keep the selected robot in the middle, or leave it; a floor that is visible as a whole is magnified for it. */
+  follow(on) {
+    this.following = on;
+    if (on && this.zoom === 1) this.zoom = FOLLOWED_ZOOM;
+    this.show();
+  }
+
+  /** Whether a robot is followed; if so, it is brought to the middle. */
+  follows() {
+    const robot = this.following ? this.floor.run.now?.robots[this.floor.selected] : undefined;
+    if (!robot) return false;
+    const [x, y] = [robot[0], robot[1]];
+    if (this.centre && this.centre[0] === x && this.centre[1] === y) return false; // it is there
+    this.centre = [x, y];
+    return true;
   }
 
   /** Magnify by *factor*, and keep the point of the floor at (x, y) of the window where it is. */
   magnify(factor, clientX, clientY) {
     const [x, y] = this.floor.point({ clientX, clientY });
     const [middle_x, middle_y] = this.floor.middle();
-    const zoom = Math.min(MOST_ZOOM, Math.max(1, this.zoom * factor));
+    const zoom = this.bounded(this.zoom * factor);
     const change = this.zoom / zoom;
     this.centre = [x + (middle_x - x) * change, y + (middle_y - y) * change];
     this.zoom = zoom;
@@ -50,6 +85,7 @@ export class Lens {
     const [x, y] = this.floor.middle();
     const { scale } = this.floor;
     this.centre = this.floor.on_floor([x - right / scale, y + down / scale]);
+    this.following = false;
     this.show();
   }
 
@@ -58,6 +94,7 @@ export class Lens {
     canvas.style.touchAction = this.zoom === 1 ? "pan-y" : "none"; // a page that is longer than the window scrolls
     canvas.classList.toggle("magnified", this.zoom > 1);
     this.floor.resize();
+    this.moved();
   }
 
   wheel(event) {
@@ -105,18 +142,17 @@ export class Lens {
 
   // ------------------------------------------------------------ keys
 
-  /** Take the keys that the transport does not: page up and down, arrows with shift, 0. */
+  /** Take the keys that the transport does not: page up and down, arrows with shift, 0, f. */
   key(event) {
-    const box = this.floor.canvas.getBoundingClientRect();
-    const at = [box.left + box.width / 2, box.top + box.height / 2];
     const acts = {
-      PageUp: () => this.magnify(KEY_ZOOM, ...at),
-      PageDown: () => this.magnify(1 / KEY_ZOOM, ...at),
+      PageUp: () => this.magnify_middle(KEY_ZOOM),
+      PageDown: () => this.magnify_middle(1 / KEY_ZOOM),
       "Shift ArrowLeft": () => this.pan(KEY_PX, 0),
       "Shift ArrowRight": () => this.pan(-KEY_PX, 0),
       "Shift ArrowUp": () => this.pan(0, KEY_PX),
       "Shift ArrowDown": () => this.pan(0, -KEY_PX),
       0: () => this.fit(),
+      f: () => this.follow(!this.following),
     };
     const act = acts[`${event.shiftKey ? "Shift " : ""}${event.key}`];
     if (!act || event.ctrlKey || event.altKey || event.metaKey) return;

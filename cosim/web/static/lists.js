@@ -11,16 +11,19 @@ export class Robots {
     this.rows = [];
   }
 
-  show(robots, selected) {
+  show(robots, selected, doing) {
     while (this.rows.length < robots.length) this.add(this.rows.length);
     while (this.rows.length > robots.length) this.rows.pop().item.remove();
     robots.forEach(([x, y, heading, down], robot) => {
-      const { button, name, where, chip } = this.rows[robot];
+      const { button, name, where, chip, state } = this.rows[robot];
       name.textContent = `robot ${robot}${down ? " †" : ""}`;
       const degrees = Math.round((heading * 180) / Math.PI);
       where.textContent = `${x.toFixed(2)}, ${y.toFixed(2)} m  ${degrees}°`;
       chip.style.background = down ? "transparent" : this.floor.colour(robot);
       chip.style.boxShadow = down ? `inset 0 0 0 2px ${this.floor.colour(robot)}` : "";
+      chip.className = `chip ${this.floor.shape(robot)}`;
+      const words = standing(doing, robot);
+      if (state.textContent !== words) state.textContent = words;
       button.setAttribute("aria-pressed", String(robot === selected));
     });
   }
@@ -28,43 +31,91 @@ export class Robots {
   add(robot) {
     const item = document.createElement("li");
     const button = document.createElement("button");
-    const [chip, name, where] = ["chip", "name", "number"].map((kind) => {
+    const [chip, name, where, state] = ["chip", "name", "number", "state"].map((kind) => {
       const part = document.createElement("span");
       part.className = kind;
       return part;
     });
     button.type = "button";
-    button.append(chip, name, where);
+    button.append(chip, name, where, state);
     button.addEventListener("click", () => this.picked(button.getAttribute("aria-pressed") === "true" ? null : robot));
     item.append(button);
     this.root.append(item);
-    this.rows.push({ item, button, chip, name, where });
+    this.rows.push({ item, button, chip, name, where, state });
   }
 }
 
-/** The list of events, the newest first, filtered by a text in them. */
+/** What a robot is doing, in words: its links, and what else its radio is at. */
+export function standing(doing, robot) {
+  const slaves = doing.links.filter(({ master }) => master === robot).map(({ slave }) => slave);
+  const masters = doing.links.filter(({ slave }) => slave === robot).map(({ master }) => master);
+  const words = [slaves.length && `master of ${slaves.join(", ")}`, masters.length && `slave of ${masters.join(", ")}`];
+  return [...words, ...doing.of(robot)].filter(Boolean).join("; ");
+}
+
+/** The list of events, the newest first, filtered by their type, by robot and by a text in them. */
 export class Events {
-  constructor(root, filter, floor, seek) {
-    this.root = root;
-    this.filter = filter;
-    this.floor = floor;
-    this.seek = seek;
+  /**
+   * @param {HTMLElement} root an empty list
+   * @param {{text: HTMLInputElement, kind: HTMLSelectElement, robot: HTMLSelectElement}} filters
+   * @param {{floor: import("./floor.js").Floor, address: import("./address.js").Address, select: (robot: number | null) => void}} about
+   */
+  constructor(root, filters, { floor, address, select }) {
+    Object.assign(this, { root, filters, floor, address });
+    this.seek = null; // (time in s), where one can go there
     this.key = "";
-    filter.addEventListener("input", () => this.show(this.events ?? [], this.selected));
+    this.counts = {};
+    filters.text.value = address.get("find") ?? "";
+    this.kind = address.get("kind") ?? "";
+    filters.text.addEventListener("input", () => this.changed());
+    filters.kind.addEventListener("change", () => {
+      this.kind = filters.kind.value;
+      this.changed();
+    });
+    filters.robot.addEventListener("change", () => select(filters.robot.value === "" ? null : Number(filters.robot.value)));
+  }
+
+  /** Take the scene: how many robots there are, and how many events of which types, where that is known. */
+  begin({ radii_m, kinds = {} }) {
+    this.counts = kinds;
+    this.filters.robot.replaceChildren(new Option("all robots", ""), ...radii_m.map((_, robot) => new Option(`robot ${robot}`, robot)));
+    this.filters.kind.replaceChildren(new Option("all kinds", ""));
+    this.offer([this.kind, ...Object.keys(kinds)]);
+  }
+
+  /** Add types of events to those that can be chosen. */
+  offer(names) {
+    const select = this.filters.kind;
+    const known = new Set([...select.options].map(({ value }) => value));
+    const added = [...new Set(names)].filter((name) => name && !known.has(name));
+    if (!added.length) return;
+    for (const name of added) select.add(new Option(this.counts[name] ? `${name} (${this.counts[name]})` : name, name));
+    const [all, ...others] = select.options;
+    select.replaceChildren(all, ...others.sort((one, other) => (one.value < other.value ? -1 : 1)));
+    select.value = this.kind;
+  }
+
+  changed() {
+    this.address.put("kind", this.kind || null);
+    this.address.put("find", this.filters.text.value.trim() || null);
+    this.show(this.events ?? [], this.selected);
   }
 
   show(events, selected) {
     this.events = events;
     this.selected = selected;
-    const text = this.filter.value.trim().toLowerCase();
+    const text = this.filters.text.value.trim().toLowerCase();
     const last = events[events.length - 1];
-    const key = `${events.length} ${events[0]?.number} ${last?.number} ${selected} ${text}`;
+    const key = `${events.length} ${events[0]?.number} ${last?.number} ${selected} ${this.kind} ${text}`;
     if (key === this.key) return;
     this.key = key;
+    this.offer(events.map(({ name }) => name));
+    this.filters.robot.value = selected === null ? "" : String(selected);
     const chosen = [];
     for (let at = events.length - 1; at >= 0 && chosen.length < SHOWN; at -= 1) {
       const event = events[at];
       if (selected !== null && event.robot !== selected) continue;
+      if (this.kind && event.name !== this.kind) continue;
       const words = `${event.name} ${described(event.fields)}`;
       if (!text || words.toLowerCase().includes(text)) chosen.push(this.row(event));
     }

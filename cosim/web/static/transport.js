@@ -18,9 +18,10 @@ export class Transport {
     this.waiting = 0;
     this.since = null;
     this.start = button("start", "To the beginning", "Home");
-    this.back = button("back", "A tick back", "ArrowLeft");
+    this.back = button("back", "A step back", "ArrowLeft");
     this.play = button("play", "Play", "Space");
-    this.step = button("step", "A tick on", "ArrowRight");
+    this.step = button("step", "A step on", "ArrowRight");
+    this.unit = units();
     this.end = button("end", "To the end", "End");
     this.slider = document.createElement("input");
     Object.assign(this.slider, { type: "range", id: "scrub", min: 0, max: 1, step: "any", value: 0 });
@@ -30,14 +31,15 @@ export class Transport {
     this.clock.className = "number";
     this.speeds = SPEEDS;
     this.speed = speeds();
-    root.replaceChildren(this.start, this.back, this.play, this.step, this.end, this.slider, this.clock, this.speed);
+    root.replaceChildren(this.start, this.back, this.play, this.step, this.end, this.unit, this.slider, this.clock, this.speed);
     this.start.addEventListener("click", () => this.seek(0));
     this.end.addEventListener("click", () => this.seek(this.duration_s));
-    this.back.addEventListener("click", () => this.send({ say: "step", ticks: -1 }));
-    this.step.addEventListener("click", () => this.send({ say: "step", ticks: 1 }));
+    this.back.addEventListener("click", () => this.go(-1));
+    this.step.addEventListener("click", () => this.go(1));
     this.play.addEventListener("click", () => this.toggle());
     this.speed.addEventListener("change", () => this.send({ say: "speed", speed: Number(this.speed.value) }));
     this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
+    this.unit.addEventListener("change", () => this.shown && this.show(this.shown));
     document.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -45,28 +47,44 @@ export class Transport {
   begin(scene) {
     this.live = scene.live;
     this.duration_s = scene.duration_s;
+    this.again = Boolean(scene.again);
     this.endless = Boolean(scene.attended); // it lasts as long as its operator wants
     this.slider.hidden = this.endless;
     this.slider.max = scene.duration_s;
+    const slot_us = (scene.slot_ns ?? 0) / 1000;
+    const slot = [...this.unit.options].find(({ value }) => value === "slot");
+    slot.hidden = slot.disabled = !scene.slot_ns;
+    slot.textContent = slot_us ? `slot (${slot_us} µs)` : "slot";
+    if (slot.hidden && this.unit.value === "slot") this.unit.value = "tick";
     this.slider.disabled = this.start.disabled = this.end.disabled = this.back.disabled = scene.live;
     this.start.hidden = this.end.hidden = this.back.hidden = scene.live;
   }
 
   /** Show where the run is. */
   show(now) {
+    this.shown = now;
     if (now.state !== "busy") this.state = now.state; // else the next state follows when it is no longer busy
     const playing = this.state === "playing";
-    draw_sign(this.play, playing ? "pause" : "play");
-    this.play.setAttribute("aria-label", playing ? "Pause" : "Play");
     const over = this.live && (now.state === "ended" || now.state === "failed");
-    this.play.disabled = this.step.disabled = over;
+    this.over = over && this.again;
+    draw_sign(this.play, playing ? "pause" : this.over ? "again" : "play");
+    const words = playing ? "Pause" : this.over ? "Begin anew" : "Play";
+    this.play.setAttribute("aria-label", words);
+    this.play.title = `${words} (Space)`;
+    this.play.disabled = over && !this.again;
+    this.step.disabled = over;
     if (this.wanted_s === null) this.slider.value = now.time_s;
-    const text = `${now.time_s.toFixed(2)} s`;
+    const text = `${now.time_s.toFixed(this.decimals())} s`;
     const whole = this.endless ? "" : ` of ${this.duration_s.toFixed(1)} s`;
     this.clock.textContent = `${text}${whole}${this.reached(now)}`;
     this.slider.setAttribute("aria-valuetext", text);
     this.offer(now.speed);
     if (document.activeElement !== this.speed) this.speed.value = String(now.speed);
+  }
+
+  /** Decimals of the time: steps that are shorter than a tick need more of them. */
+  decimals() {
+    return this.unit.value === "tick" ? 2 : 6;
   }
 
   /** Add the speed of the run to those that can be chosen: it may have begun with another one. */
@@ -91,8 +109,13 @@ export class Transport {
     return this.since.text;
   }
 
+  /** Go on by some steps of the chosen kind, or back. */
+  go(count) {
+    this.send({ say: "step", by: this.unit.value, count });
+  }
+
   toggle() {
-    this.send({ say: this.state === "playing" ? "pause" : "play" });
+    this.send({ say: this.over ? "again" : this.state === "playing" ? "pause" : "play" });
   }
 
   /** Seek another time, but not more often than SEEK_MS. */
@@ -145,6 +168,7 @@ const SIGNS = {
   back: "M11 3v10L4 8z M12.5 3H14v10h-1.5z",
   play: "M4 2.5v11L13 8z",
   pause: "M4 3h3v10H4z M9 3h3v10H9z",
+  again: "M8 2.5a5.5 5.5 0 1 0 5.5 5.5h-2A3.5 3.5 0 1 1 8 4.5V7l4.5-3.5L8 0z",
   step: "M5 3v10l7-5z M2 3h1.5v10H2z",
   end: "M11 3h2v10h-2z M3 3v10l7-5z",
 };
@@ -170,6 +194,15 @@ function button(name, title, key) {
   made.setAttribute("aria-label", title);
   made.setAttribute("aria-keyshortcuts", key);
   draw_sign(made, name);
+  return made;
+}
+
+function units() {
+  const made = document.createElement("select");
+  made.id = "step-by";
+  made.title = "What a step is";
+  made.setAttribute("aria-label", "Step by");
+  for (const unit of ["tick", "slot", "frame", "event"]) made.add(new Option(unit, unit));
   return made;
 }
 

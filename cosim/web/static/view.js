@@ -2,11 +2,21 @@
 
 import { Events, Robots, show_metrics } from "./lists.js";
 import { Page, find } from "./page.js";
+import { Lights } from "./timeline/lights.js";
+import { Timeline } from "./timeline/timeline.js";
 
-const page = new Page({ take, show });
+const page = new Page({ take, show, bytes: (buffer) => timeline.take_bytes(buffer) });
 const { run, floor } = page;
 const robots = new Robots(find("robots"), floor, (robot) => page.select(robot));
-const events = new Events(find("events"), find("filter"), floor, null);
+const filters = { text: find("filter"), kind: find("kind"), robot: find("of-robot") };
+const events = new Events(find("events"), filters, { floor, address: page.address, select: (robot) => page.select(robot) });
+const lights = new Lights(floor);
+const timeline = new Timeline(find("timeline"), {
+  send: (message) => page.connection.send(message),
+  seek: (time_s) => page.transport.seek(time_s),
+  select: (robot) => page.select(robot),
+  light: (robots) => lights.show(robots),
+});
 
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") page.select(null);
@@ -20,7 +30,7 @@ function take(message) {
     find("result").hidden = false;
     show_metrics(find("metrics").tBodies[0], message.metrics);
   }
-  if (!run.take(message, performance.now())) return undefined;
+  if (timeline.take(message) || !run.take(message)) return undefined;
   if (message.say === "scene") begin(message);
   else page.show_soon();
   return undefined;
@@ -29,17 +39,20 @@ function take(message) {
 function begin(scene) {
   document.title = `${scene.name} – cosim`;
   find("result").hidden = true;
+  timeline.begin(scene);
+  events.begin(scene);
   events.seek = scene.live ? null : (time_s) => page.transport.seek(time_s);
   const about = [scene.protocol, scene.channel && `channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`];
-  const words = ["● robots", "○ goals", "– – ghosts", "□ frontiers", "× events", "— frames and links, red if not received"];
-  if (scene.base_m) words.unshift("▲ base");
-  page.begin(scene, [...about, scene.live ? "live" : "recorded"], words);
+  page.begin(scene, [...about, scene.live ? "live" : "recorded"]);
 }
 
 function show(now) {
-  robots.show(now.robots, floor.selected);
+  robots.show(now.robots, floor.selected, run.doing);
+  timeline.now(now.time_s, floor.selected);
   events.show(run.events, floor.selected);
-  const { frames, lost, left_out } = run.counts;
-  const missed = left_out ? `; ${left_out} events came too fast to be shown` : "";
-  find("counts").textContent = `${frames} frames seen, ${lost} of them not received${missed}`;
+  const { frames, lost, unshown, left_out } = run.counts;
+  const words = [`${frames} frames seen, ${lost} of them not received`];
+  if (unshown) words.push(`${unshown} of late are not drawn`);
+  if (left_out) words.push(`${left_out} events came too fast to be shown`);
+  find("counts").textContent = words.join("; ");
 }

@@ -246,7 +246,8 @@ class Console:
         plan = self._planning.plan(asked.call, self._number, now)
         if not isinstance(plan, Plan):
             self._note(events.PlanRefused(asked.call.play, "; ".join(plan.conflicts), "; ".join(plan.mend)))
-            return {"say": "refusal", "conflicts": list(plan.conflicts), "mend": list(plan.mend)}
+            calls = {text: call.model_dump(mode="json", exclude_none=True) for text, call in plan.calls.items()}
+            return {"say": "refusal", "conflicts": list(plan.conflicts), "mend": list(plan.mend), "calls": calls}
         self._plans[plan.number] = plan
         while len(self._plans) > KEPT:
             del self._plans[min(self._plans)]

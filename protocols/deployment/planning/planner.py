@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import networkx as nx
 from pydantic import Field, JsonValue
@@ -57,7 +57,7 @@ from protocols.deployment.planning.timing import (
     timing_out,
     wanted_at_once,
 )
-from protocols.deployment.tasks.constraints import Constraint, PlaceName, between, quantities_of
+from protocols.deployment.tasks.constraints import Constraint, PlaceName, between, limited, quantities_of
 from protocols.deployment.tasks.crew import Body, Crew, Ways
 from protocols.deployment.tasks.plan import (
     Between,
@@ -178,6 +178,9 @@ class Refusal(Settings):
     play: str
     conflicts: tuple[str, ...] = Field(min_length=1, description="constraints that cannot all be met, in words")
     mend: tuple[str, ...] = Field(default=(), description="changes, in words; each of them alone gives a plan")
+    calls: dict[str, Call] = Field(
+        default_factory=dict, description="by a change: the call to make instead, if it can be"
+    )
 
 
 class Planner:
@@ -348,19 +351,48 @@ class _Calling:
         self.starts_m = {robot: place for robot, place in starts_m.items() if robot in planner.crew.robots}
         self.routes = Routes(planner.ways)
         self.trials = 0
+        self.cast: Mapping[str, Role] = {}
+        """The roles as the play has them, with robots that its parameters name."""
+        self.asked: Sequence[str] = ()
+        """What the constraints of the call are called."""
 
     def outcome(self) -> Plan | Refusal:
         """Return the plan, or a refusal with the reasons and mends."""
         found = self._attempt(Change())
         if isinstance(found, Plan):
             return found
-        mend = self._mends(found, Change(), MOST_CHANGES)
-        different = {frozenset(text.split(AND)): text for text in reversed(mend)}
-        return Refusal(play=self.call.play, conflicts=found.conflicts, mend=tuple(reversed(different.values())))
+        mends = self._mends(found, Change(), MOST_CHANGES)
+        different = {frozenset(mend.text.split(AND)): mend for mend in reversed(mends)}
+        offered = tuple(reversed(different.values()))
+        calls = {mend.text: self._amended(mend.change) for mend in offered}
+        return Refusal(
+            play=self.call.play,
+            conflicts=found.conflicts,
+            mend=tuple(mend.text for mend in offered),
+            calls={text: call for text, call in calls.items() if call is not None},
+        )
 
-    def _mends(self, infeasible: Infeasible, before: Change, most: int) -> list[str]:
+    def _amended(self, change: Change) -> Call | None:
+        """Return the call that says what *change* does; None if it is about the team, the floor, or the play itself."""
+        spans_s = {why: (least_s, most_s) for why, least_s, most_s in change.spans_s}
+        others = change.bodies or change.moved_m or change.before or change.apart_m is not None
+        if others or not {*spans_s, *change.dropped} <= {*self.asked}:
+            return None
+        if change.uncast and any(role.fixed is not None for role in self.cast.values()):
+            return None
+        changed: dict[str, Any] = {"robots": None} if change.everyone else {}
+        if spans_s or change.dropped:
+            changed["constraints"] = tuple(
+                limited(each, *spans_s[why]) if why in spans_s else each
+                for why, each in zip(self.asked, self.call.constraints, strict=True)
+                if why not in change.dropped
+            )
+        changed |= {"roles": {}} if change.uncast else {}
+        return self.call.model_copy(update=changed)
+
+    def _mends(self, infeasible: Infeasible, before: Change, most: int) -> list[Mend]:
         """Return the changes that give a plan: single ones, or else combinations."""
-        texts, further = list[str](), list[tuple[Mend, Change, Infeasible]]()
+        tried, further = list[Mend](), list[tuple[Mend, Change, Infeasible]]()
         for mend in infeasible.mends:
             if self.trials == MOST_TRIALS:
                 break
@@ -368,12 +400,13 @@ class _Calling:
             change = before.with_(mend.change)
             found = self._attempt(change)
             if isinstance(found, Plan):
-                texts.append(mend.text)
+                tried.append(Mend(mend.text, change))
             else:
                 further.append((mend, change, found))
-        for mend, change, found in further if most > 1 and not texts else ():
-            texts += [f"{mend.text}{AND}{text}" for text in self._mends(found, change, most - 1)]
-        return texts
+        for mend, change, found in further if most > 1 and not tried else ():
+            more = self._mends(found, change, most - 1)
+            tried += [Mend(f"{mend.text}{AND}{other.text}", other.change) for other in more]
+        return tried
 
     # ------------------------------------------------------------ one attempt
 
@@ -439,7 +472,7 @@ class _Calling:
         return invited is None or change.everyone or robot in invited or robot >= len(self.planner.crew.bodies)
 
     def _roles(self, casting: Casting, change: Change) -> dict[str, Role]:
-        roles = casting.roles
+        roles = self.cast = casting.roles
         for name, robot in self.call.roles.items():
             if name not in roles:
                 raise UserError(f"roles: there is no role {name!r}{near(name, roles)}")
@@ -479,9 +512,12 @@ class _Calling:
             root = self._picked(expanded(root), casting.unused, crew)
         below = {task.name for task in root.walk()}
         constraints = [each for each in casting.between if not casting.unused or _tasks_of(each) <= below]
+        asked = []
         for each in call.constraints:
             numbers = {key: binding.number_of(value) for key, value in quantities_of(each).items()}
-            constraints.append(between(each, root.name, numbers, CALLER))
+            asked.append(between(each, root.name, numbers, CALLER))
+        self.asked = [each.why for each in asked]
+        constraints += asked
         constraints += [_before(first, then) for first, then in change.before]
         spans_s = {why: (least_s, most_s) for why, least_s, most_s in change.spans_s}
         constraints = [_respanned(each, spans_s) for each in constraints if each.why not in change.dropped]

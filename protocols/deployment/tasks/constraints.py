@@ -88,6 +88,17 @@ class Deadline(Settings):
 Constraint: TypeAlias = Annotated[Before | After | Within | Deadline, Field(discriminator="kind")]
 
 
+def limited(constraint: Constraint, least_s: float, most_s: float | None) -> Constraint:
+    """Return *constraint* with other limits."""
+    match constraint:
+        case Before():
+            return constraint.model_copy(update={"at_least_s": least_s})
+        case After():
+            return constraint.model_copy(update={"at_least_s": least_s, "at_most_s": most_s})
+        case _:
+            return constraint.model_copy(update={"seconds": most_s})
+
+
 def named_by(constraint: Constraint) -> dict[str, str]:
     """Return the tasks that *constraint* names, by the field that names them."""
     match constraint:

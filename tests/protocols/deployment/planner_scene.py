@@ -59,9 +59,15 @@ def applied(scene: Scene, mend: str, play: str, **more: Any) -> Plan | Refusal:
 
 
 def assert_mends(scene: Scene, play: str, count: int | None, **more: Any) -> Refusal:
-    """Assert that a call is refused, with so many mends, each of which is true; but those of the play are not tried."""
+    """Assert that a call is refused, with so many mends, each of which is true; but those of the play are not tried.
+
+    A call that is offered instead gives a plan.
+    """
     refusal = scene.refusal(play, **more)
     assert len(refusal.mend) == count or count is None, refusal
+    assert refusal.calls.keys() <= {*refusal.mend}
+    for text, call in refusal.calls.items():
+        assert isinstance(scene.planner.call(call, scene.starts_m, 7), Plan), text
     crew, starts_m = scene.crew, dict(scene.starts_m)
     for mend in refusal.mend:
         if mend.removeprefix("without: ").startswith(f"{play}: "):

@@ -1,7 +1,7 @@
 // Calling a play: the tree of plays, the parameters of the chosen one, Execute and Tailor, and what the planner answers.
 
 import { Form, title } from "./form.js";
-import { make } from "./parts.js";
+import { button, make } from "./parts.js";
 import { Tailor } from "./tailor.js";
 import { Tree } from "./tree.js";
 
@@ -141,8 +141,8 @@ export class Calling {
     if (execute) for (const each of buttons) each.disabled = true;
     try {
       const answer = await this.told.ask({ say: "call", call, execute });
-      const { conflicts = [answer.why], mend = [], missing = [] } = answer;
-      if (answer.say !== "plan" && !this.ask_for_missing(call.play, missing, wanted)) this.show_refusal(call.play, conflicts, mend, wanted);
+      const { conflicts = [answer.why], mend = [], calls = {}, missing = [] } = answer;
+      if (answer.say !== "plan" && !this.ask_for_missing(call.play, missing, wanted)) this.show_refusal(call.play, { conflicts, mend, calls }, wanted);
       return answer;
     } catch (error) {
       this.told.trouble(error.message);
@@ -172,8 +172,9 @@ export class Calling {
     this.find("missing").textContent = names.length ? `Still to be filled in: ${names.map(title).join(", ")}.${how}` : "";
   }
 
-  show_refusal(play, conflicts, mend, focused) {
-    const items = (texts) => texts.map((text) => make("li", { textContent: text }));
+  /** Show why *play* is refused, and what would mend it: with a button, if another call does. */
+  show_refusal(play, { conflicts, mend, calls }, focused) {
+    const items = (texts) => texts.map((text) => make("li", { children: [text, ...this.doing(calls[text])] }));
     this.find("refusal-title").textContent = `${play} cannot be played like this`;
     this.find("conflicts").replaceChildren(...items(conflicts));
     this.find("mend").replaceChildren(...items(mend));
@@ -182,6 +183,16 @@ export class Calling {
     if (!focused) return;
     this.find("refusal").focus();
     this.find("refusal").scrollIntoView({ block: "nearest" });
+  }
+
+  /** The button that has a call tailored as a mend says. */
+  doing(call) {
+    if (!call || this.tailoring !== call.play) return [];
+    return [" ", button("Do that", () => {
+      this.tailor.take(call);
+      this.check(true);
+      this.find("check").focus();
+    })];
   }
 
   hide_refusal() {

@@ -47,7 +47,7 @@ function take(message) {
     }
     return page.show_soon();
   }
-  if (!run.take(message, performance.now())) return undefined;
+  if (!run.take(message)) return undefined;
   if (message.say === "scene") begin(message);
   else {
     operator.moment(message);
@@ -64,8 +64,7 @@ function begin(scene) {
   lost_robots = [];
   host_robot = 0;
   host(0, "");
-  const words = ["▲ base", "● robots", "○ goals", "◎ where they end up", "— frames and links, red if not received"];
-  page.begin(scene, [`channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`], words);
+  page.begin(scene, [`channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`], ["◎ where they end up"]);
   operator.ask({ say: "plays" }).then(({ tree }) => calling.know_plays(tree ?? []), () => {});
   operator.ask({ say: "map" }).then((map) => know(scene, map), () => {});
   ask_state();
@@ -107,6 +106,8 @@ function host(robot, why) {
 }
 
 function show(now) {
+  const busy = now.state === "busy" ? "Waiting for the host: the first time kernels are compiled, which may take a minute …" : "Waiting for the host …";
+  if (find("plays-wait").textContent !== busy) find("plays-wait").textContent = busy;
   robots.show(now.robots.length, floor.selected, now.time_s, lost_robots, operator.host);
   board.show(now.time_s);
 }

@@ -71,7 +71,7 @@ export class RobotPart {
     const row = this.rows.get(robot);
     const body = this.bodies[robot];
     const about = body ? `${body.radius_m} m, ${body.speed_mps} m/s, ${body.sensor}, ${body.camera ? "camera" : "no camera"}` : "";
-    const moving = row && (row.moving === null ? "not heard lately" : row.moving ? "moving" : "standing");
+    const moving = row && !lost.includes(robot) && (row.moving === null ? "not heard lately" : row.moving ? "moving" : "standing");
     const kind = [`robot ${robot}`, robot === host && "the host", lost.includes(robot) && "taken for lost", moving].filter(Boolean).join(", ");
     if (!row) return [fact("", kind), fact("body", about), fact("heard", "not yet")];
     const heard_s = row.heard_s + Math.max(0, now_s - row.time_s);

@@ -32,6 +32,7 @@ export class Tailor {
   /** Begin to tailor another play: nothing is added yet. *roles*: to be cast; *size*: of the team. */
   reset(roles, size) {
     this.plan = null;
+    this.size = size;
     this.constraints = [];
     this.via = {};
     this.roles = {};
@@ -53,6 +54,16 @@ export class Tailor {
     if (Object.keys(this.via).length) added.via = this.via;
     if (Object.keys(this.roles).length) added.roles = this.roles;
     return added;
+  }
+
+  /** Take the additions of another call, with other constraints, roles or robots. */
+  take({ constraints = [], roles = {}, robots = null }) {
+    Object.assign(this, { constraints, roles });
+    if (robots === null) delete this.options.robots;
+    else this.options.robots = robots;
+    this.show_options(this.size);
+    this.show_roles(this.role_names ? this.role_names.split("|") : [], this.size);
+    this.show_additions();
   }
 
   /** Show the plan that the additions lead to. */
@@ -83,10 +94,11 @@ export class Tailor {
       else this.options[name] = value;
       this.changed(false);
     };
-    const strategy = choice([["", "the play's own"], ...STRATEGIES], "", (value) => set("strategy", value || null), { id: "option-strategy" });
-    const expand = choice([["all", "laid out by the planner"], ["none", "left to the executive"]], "all", (value) => set("expand", value));
-    const augmented = choice([["", "as the play says"], ["true", "yes"], ["false", "no"]], "", (value) => set("augmented", value === "" ? null : value === "true"));
-    const out = new Set();
+    const strategy = choice([["", "the play's own"], ...STRATEGIES], this.options.strategy ?? "", (value) => set("strategy", value || null), { id: "option-strategy" });
+    const expand = choice([["all", "laid out by the planner"], ["none", "left to the executive"]], this.options.expand ?? "all", (value) => set("expand", value));
+    const augmented = choice([["", "as the play says"], ["true", "yes"], ["false", "no"]], String(this.options.augmented ?? ""), (value) => set("augmented", value === "" ? null : value === "true"));
+    const { robots } = this.options;
+    const out = new Set(robots && Array.from({ length: size }, (_, robot) => robot).filter((robot) => !robots.includes(robot)));
     const team = make("span", { className: "team" });
     for (let robot = 0; robot < size; robot += 1) {
       team.append(button(String(robot), (made) => {
@@ -94,7 +106,7 @@ export class Tailor {
         made.setAttribute("aria-pressed", String(!out.has(robot)));
         const all = Array.from({ length: size }, (_, each) => each);
         set("robots", out.size ? all.filter((each) => !out.has(each)) : null);
-      }, { aria: { pressed: true, label: `robot ${robot} may take part` } }));
+      }, { aria: { pressed: !out.has(robot), label: `robot ${robot} may take part` } }));
     }
     this.find("options").replaceChildren(
       labelled("strategy", strategy, "of all deployments"),

@@ -124,8 +124,10 @@ def test_who_was_left_out_or_fixed_by_the_call_may_be_the_reason() -> None:
     scene = Scene([BODY._replace(camera=robot == 1) for robot in range(3)])
     refusal = assert_mends(scene, "photo", 2, parameters={"place": "hall"}, robots=[0, 2])
     assert refusal.mend[0] == "robots 1 may take part"
+    assert {text: call.robots for text, call in refusal.calls.items()} == {refusal.mend[0]: None}
     refusal = assert_mends(scene, "photo", 1, parameters={"place": "hall"}, roles={"robot": 2})
     assert refusal.mend == ("the planner chooses the robots for all roles",)
+    assert refusal.calls[refusal.mend[0]].roles == {}
     assert "robot 2 has no camera" in refusal.conflicts
 
 
@@ -191,6 +193,8 @@ def test_a_deadline_that_cannot_be_met_is_told_with_the_one_that_can() -> None:
     assert refusal.mend == (
         f"the call: leap-frog ends at most {math.ceil(least_s * 10) / 10:g} s after the plan begins",
     )
+    (longer,) = refusal.calls[refusal.mend[0]].constraints
+    assert longer.model_dump() == deadline | {"task": "", "seconds": math.ceil(least_s * 10) / 10}
 
 
 def test_two_conflicts_are_mended_by_two_changes() -> None:
@@ -200,6 +204,7 @@ def test_two_conflicts_are_mended_by_two_changes() -> None:
     ]
     refusal = assert_mends(Scene(), "wean", 1, parameters=WEAN, constraints=constraints)
     assert refusal.mend[0].count("; and ") == 1
+    assert len(refusal.calls) == 1
     deadline, within = {"kind": "deadline", "seconds": 60.0}, {"kind": "within", "task": "beyond/leap", "seconds": 10.0}
     refusal = Scene().refusal("wean", parameters=WEAN, constraints=[deadline, within])
     assert len(refusal.mend) == 1
@@ -234,6 +239,7 @@ def test_contradicting_orders_are_told() -> None:
     before = {"kind": "before", "first": "beyond/group", "then": "beyond/leap"}
     refusal = assert_mends(Scene(), "wean", 2, parameters=WEAN, constraints=[before])
     assert refusal.mend == tuple(f"without: {text}" for text in refusal.conflicts[:2])
+    assert {text: call.constraints for text, call in refusal.calls.items()} == {refusal.mend[1]: ()}  # not the play's
     assert refusal.conflicts[:2] == (
         "wean: wean/beyond/group starts at least 5 s after wean/beyond/leap starts",
         "the call: wean/beyond/leap starts any time after wean/beyond/group ends",

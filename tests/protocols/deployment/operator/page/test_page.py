@@ -71,8 +71,8 @@ def test_places_are_clicked_on_the_floor_named_or_typed(page: Any, consoles: Con
     page.click("#form .pick")
     assert "Click on the floor: places" in page.inner_text("#hint")
     box = page.locator("#floor").bounding_box()
-    scale = min((box["width"] - 44) / 12, (box["height"] - 44) / 8)
-    page.mouse.click(box["x"] + box["width"] / 2 + scale, box["y"] + box["height"] / 2 - 2 * scale)  # 7, 6
+    scale = min((box["width"] - 44) / 12, (box["height"] - 66) / 8)  # buttons are above
+    page.mouse.click(box["x"] + box["width"] / 2 + scale, box["y"] + box["height"] / 2 + 11 - 2 * scale)  # 7, 6
     page.mouse.click(box["x"] + 3, box["y"] + 3)  # off the floor
     page.keyboard.press("Escape")
     assert page.is_hidden("#hint")
@@ -128,9 +128,9 @@ def test_what_is_left_open_is_not_said(page: Any, consoles: Consoles):
 def click_at(page: Any, x_m: float, y_m: float, up_px: float = 0.0) -> None:
     """Click on the floor of the double, or so much above a place on it."""
     box = page.locator("#floor").bounding_box()
-    scale = min((box["width"] - 44) / 12, (box["height"] - 44) / 8)
+    scale = min((box["width"] - 44) / 12, (box["height"] - 66) / 8)  # buttons are above
     across, down = (x_m - 6) * scale, (4 - y_m) * scale - up_px
-    page.mouse.click(box["x"] + box["width"] / 2 + across, box["y"] + box["height"] / 2 + down)
+    page.mouse.click(box["x"] + box["width"] / 2 + across, box["y"] + box["height"] / 2 + 11 + down)
 
 
 def test_a_letter_on_the_floor_is_its_place(page: Any, consoles: Consoles, still: Still):

@@ -120,11 +120,11 @@ def test_an_infeasible_play_is_refused_and_what_mends_it_does(browser: Browser, 
         page.wait_for_timeout(300)
         assert session.look(None)[0][0]["state"] == "playing"
         assert page.text_content("#played-title") == "Nothing is being played"
-        page.locator("#constraints .remove").click()
-        page.fill("#constraint [name=seconds]", mended)
-        page.press("#constraint [name=seconds]", "Enter")
+        page.click("#mend button")
         until(page, "document.getElementById('draft-title').textContent.startsWith('Plan')")
         assert page.is_hidden("#refusal")
+        assert page.locator("#constraints li").count() == 1
+        assert f"at most {mended} s after" in page.inner_text("#constraints")
         page.locator("#constraints .remove").click()
         page.click("#execute-tailored")
         until(page, "document.getElementById('played-state').textContent.startsWith('done')")
@@ -209,8 +209,10 @@ def test_pictures_and_ways_come_from_the_robots(browser: Browser, serve: Any):
         assert page.inner_text("#picture-text").startswith("Robot 1 at ")
         page.click("#way-to")
         box = page.locator("#floor").bounding_box()
-        scale = min((box["width"] - 44) / 16, (box["height"] - 44) / 10)
-        page.mouse.click(box["x"] + box["width"] / 2 + 3 * scale, box["y"] + box["height"] / 2 + 2 * scale)  # 11, 3
+        scale = min((box["width"] - 44) / 16, (box["height"] - 66) / 10)
+        page.mouse.click(
+            box["x"] + box["width"] / 2 + 3 * scale, box["y"] + box["height"] / 2 + 11 + 2 * scale
+        )  # 11, 3
         until(page, "document.getElementById('robot-said').textContent.startsWith('The way is ')")
         length_m = float(page.inner_text("#robot-said").split()[3])
         assert 8.0 < length_m < 10.5
@@ -237,11 +239,11 @@ def call_wean(page: Any) -> None:
     assert math.dist(labels["A"], labels["0"]) > 12  # the robot stands there
     x_min, y_min, x_max, y_max = page.evaluate(BOUNDS)
     box = page.locator("#floor").bounding_box()
-    scale = min((box["width"] - 44) / (x_max - x_min), (box["height"] - 44) / (y_max - y_min))
+    scale = min((box["width"] - 44) / (x_max - x_min), (box["height"] - 66) / (y_max - y_min))
 
     def click(x_m: float, y_m: float) -> None:
         across, down = (x_m - (x_min + x_max) / 2) * scale, ((y_min + y_max) / 2 - y_m) * scale
-        page.mouse.click(box["x"] + box["width"] / 2 + across, box["y"] + box["height"] / 2 + down)
+        page.mouse.click(box["x"] + box["width"] / 2 + across, box["y"] + box["height"] / 2 + 11 + down)
 
     for place in ((29, 34), (29, 50), (29, 66)):  # B, C, D: the crossing, and where to leap
         click(*place)

@@ -1,0 +1,56 @@
+// A table of what the floor shows, for those who do not see its canvas: robots, and the frames that are in the air.
+
+import { standing } from "./lists.js";
+
+const MOST_FRAMES = 20;
+
+/** The table behind a floor. */
+export class Table {
+  /** @param {import("./floor.js").Floor} floor */
+  constructor(floor) {
+    this.robots = table("floor-robots", "Robots on the floor", ["robot", "x, m", "y, m", "heading, °", "state"]);
+    this.frames = table("floor-frames", "Frames in the air", ["type", "from", "to", "RF channel", "outcome"]);
+    const root = document.createElement("div");
+    root.className = "unseen";
+    root.append(this.robots, this.frames);
+    floor.canvas.after(root);
+    floor.canvas.setAttribute("aria-details", "floor-robots");
+  }
+
+  /** Show the present moment of a run. */
+  show(run) {
+    fill(this.robots, run.now.robots.map(([x, y, heading, down], robot) => [
+      robot, x.toFixed(2), y.toFixed(2), Math.round((heading * 180) / Math.PI),
+      [down && "does nothing any more", standing(run.doing, robot)].filter(Boolean).join("; "),
+    ]));
+    fill(this.frames, run.flying.slice(0, MOST_FRAMES).map(({ kind, source, destination, channel, outcome }) =>
+      [kind, source, destination < 0 ? "all" : destination, channel < 0 ? "" : channel, outcome]));
+  }
+}
+
+function table(id, caption, columns) {
+  const made = document.createElement("table");
+  made.id = id;
+  made.createCaption().textContent = caption;
+  const head = made.createTHead().insertRow();
+  for (const column of columns) {
+    const cell = document.createElement("th");
+    cell.scope = "col";
+    cell.textContent = column;
+    head.append(cell);
+  }
+  made.createTBody();
+  return made;
+}
+
+function fill(made, rows) {
+  const body = made.tBodies[0];
+  while (body.rows.length > rows.length) body.deleteRow(-1);
+  rows.forEach((cells, at) => {
+    const row = body.rows[at] ?? body.insertRow();
+    cells.forEach((text, column) => {
+      const cell = row.cells[column] ?? row.insertCell();
+      if (cell.textContent !== String(text)) cell.textContent = String(text);
+    });
+  });
+}
