@@ -119,7 +119,7 @@ def test_what_a_bluetooth_radio_does_stands_under_its_number() -> None:
     field.channel.close(field.kernel.now)
     rows = [row for row in zip(*field.trace.columns("intervals").values(), strict=True) if row[3] == 1]
     assert {row[4] for row in rows if row[1] == 0} >= {"inquiry", "inquiry_scan", "page_scan"}
-    assert [row[:5] for row in rows if row[1] == 2] == [(0, 2, 11 * S, 1, "off")]
+    assert not any(row[1] == 2 for row in rows)
     for name in ("transmissions", "receptions"):
         assert set(field.trace.columns(name)["radio"]) == {1}
 
