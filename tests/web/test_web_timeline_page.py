@@ -22,6 +22,21 @@ from tests.web.served import Served
 pytestmark = pytest.mark.slow
 
 SIZES = [(1280, 720), (1920, 1080), (390, 844)]
+BAD_ROWS = """() => {
+  const canvas = document.getElementById("content");
+  const { data, width, height } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const probe = document.createElement("canvas").getContext("2d");
+  probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--bad");
+  probe.fillRect(0, 0, 1, 1);
+  const [r, g, b] = probe.getImageData(0, 0, 1, 1).data;
+  const bad = (y) => [...Array(width).keys()].some((x) => {
+    const at = 4 * (y * width + x);
+    return data[at] === r && data[at + 1] === g && data[at + 2] === b;
+  });
+  const rows = [...Array(height).keys()].filter(bad);
+  return [Math.min(...rows), Math.max(...rows)];
+}"""
+"""The first and the last row of pixels in which something is drawn as lost."""
 LINE = "document.getElementById('timeline').timeline"
 
 
@@ -134,6 +149,8 @@ def test_the_whole_run_shows_what_was_lost(browser: Browser, served: Served, sch
         assert to_ns >= END - 2 * SLOT
         page.evaluate("document.querySelector('.tl-content').id = 'content'")
         assert 10 < pixels(page, "bad", "content") < 400  # two frames among thousands
+        first, last = page.evaluate(BAD_ROWS)
+        assert last - first > 80  # where robot 0 has sent it, of whose frames only sums are drawn, and at robot 2
         page.get_by_role("button", name="DM1").click()  # in the legend
         settled(page)
         assert pixels(page, "bad", "content") == 0
@@ -420,10 +437,12 @@ def test_the_buttons_are_one_stop_and_arrows_lead_from_one_to_the_next(page: Any
         page.keyboard.press("ArrowRight")
         reached.append(page.evaluate("document.activeElement.id"))
     assert len(set(reached)) == page.locator(".tl-bar button").count()
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowRight")
     page.keyboard.press("Tab")
     assert not page.evaluate("document.activeElement.closest('.tl-bar')")
     page.keyboard.press("Shift+Tab")
-    assert page.evaluate("document.activeElement.id") == reached[-1]
+    assert page.evaluate("document.activeElement.id") == reached[1]
 
 
 def test_the_table_tells_what_is_in_the_window(page: Any, drawn: Any):
