@@ -140,7 +140,10 @@ def _arrive(network: Network, log: Log | None, now: Time) -> None:
 def _leave(network: Network, log: Log | None, number: int, now: Time) -> None:
     """Have a frame end wherever it has arrived."""
     frame, missed = network.frames[number], True
-    noted = network.common[0].noted
+    common, logged = network.common[0], False
+    if log is not None:
+        logged = len(log.receptions) > 0
+    noted, weakest_mw = common.noted, min(common.follows_mw, common.noise_mw)
     for at in range(frame.row, frame.row_end):
         address, followed, received = network.rows[at].address, False, False
         if is_calm(network, address, 0.0):
@@ -152,8 +155,10 @@ def _leave(network: Network, log: Log | None, number: int, now: Time) -> None:
         missed &= frame.destination != BROADCAST and frame.destination != address
         if noted:
             tell_frame(network, HEARD, address, number, received, 0.0)
-        if log is not None:
-            log_reception(network, log, address, number, network.rows[at].mw, followed, received, now)
+        if log is not None and logged:
+            mw = network.rows[at].mw
+            if mw >= weakest_mw or frame.destination == address:  # most are weaker
+                log_reception(network, log, address, number, mw, followed, received, now)
     if log is not None:
         log_transmission(network, log, number, missed)
     if noted:

@@ -173,8 +173,6 @@ def log_reception(
     for that station was there, and that one has been lost, or is not over.
     """
     common, station, frame = network.common[0], network.stations[address], network.frames[number]
-    if len(log.receptions) == 0:
-        return
     if mw < common.follows_mw and frame.destination != address:
         if mw < common.noise_mw or not _disturbs(network, address, number, now):
             return

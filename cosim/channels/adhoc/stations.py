@@ -143,6 +143,9 @@ class Stations:
         self._common = network.common[0]
         self._common["noted"] = wanted.frames
         self._log = _new_log(wanted, LOG_ROWS + EACH * size + MORE)
+        self._transmissions_kept = _field(network.common, "transmissions")
+        """Number of transmissions in the log, and the packets that they have carried."""
+        self._packets_kept = memoryview(b"") if self._log is None else _field(self._log.transmissions, "packet")
         self._carried: list[bytes] = []
         """What the transmissions that are kept have carried, as far as it was looked for."""
         names = "events", "told", "urgent", "frames_under_way", "first_there", "rowless"
@@ -196,7 +199,7 @@ class Stations:
             self._make_room()
             number = next(self._queueing)
         if self._log is not None:
-            self._note_carried(self._log)
+            self._note_carried()
         self._packets[number] = packet
         self._arm()
 
@@ -260,7 +263,7 @@ class Stations:
         """Hand to the host what has been kept, but for what goes on beyond now."""
         if self._log is None:
             return
-        self._note_carried(self._log)
+        self._note_carried()
         now = max(int(self._common["now"]), self._kernel.now)
         intervals, transmissions, receptions = self._kept(self._log)
         late = intervals["end"] > now  # energy is sensed some time after it has begun
@@ -306,12 +309,12 @@ class Stations:
         self._common["intervals"], self._common["transmissions"], self._common["receptions"] = len(intervals), 0, 0
         self._carried = []
 
-    def _note_carried(self, log: Log) -> None:
+    def _note_carried(self) -> None:
         """Note what transmissions have carried, before a packet that is done with leaves its number to another."""
-        first, end = len(self._carried), int(self._common["transmissions"])
-        if end > first:
-            for number in log.transmissions["packet"][first:end].tolist():
-                self._carried.append(b"" if number == NONE else self._packets[number].payload)
+        carried, numbers = self._carried, self._packets_kept
+        for at in range(len(carried), self._transmissions_kept[0]):
+            number = numbers[at]
+            carried.append(b"" if number == NONE else self._packets[number].payload)
 
     def _make_log_room(self) -> None:
         """Hand over what has been kept if that leaves no room for what the next event may bring."""

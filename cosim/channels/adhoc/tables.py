@@ -112,7 +112,10 @@ def receptions(rows: Records) -> Receptions:
 
 def _known(values: Any) -> list[float | None]:
     """Return *values*, None in the place of NaN."""
-    unknown = np.isnan(values)
-    if unknown.all():
+    unknown = np.flatnonzero(np.isnan(values))
+    if len(unknown) == len(values):
         return [None] * len(values)
-    return [None if value != value else value for value in values.tolist()]
+    known: list[float | None] = values.tolist()
+    for at in unknown.tolist():
+        known[at] = None
+    return known
