@@ -92,3 +92,14 @@ def bar(name: str) -> Iterator[Any]:
             progress.update(task, completed=done, total=total, told=", ".join(told))
 
         yield move
+
+
+@contextmanager
+def naming(source: str, sets: Sequence[str]) -> Iterator[None]:
+    """Put *source*, or that of *sets* which is to blame, before errors that show only when a run is set up."""
+    try:
+        yield
+    except UserError as error:
+        place, _, rest = str(error).partition(": ")
+        blamed = next((text for text in reversed(sets) if text.partition("=")[0].strip() == place), None)
+        raise UserError(f"--set {blamed}: {rest}" if blamed else f"{source}: {error}") from None

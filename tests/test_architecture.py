@@ -22,7 +22,7 @@ LINES = (
     "world",
     "robots channels",
     "node faults scenario simulation columns parts results upkeep experiment sweep cluster",
-    "report export web testing parallel env pins warm live data_dictionary console cli_sweeps cli __main__",
+    "report export web picture testing parallel env pins warm live data_dictionary console cli_pictures cli_sweeps cli __main__",
 )
 """The layers of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
@@ -46,6 +46,8 @@ OWNERS = {
     "gymnasium": {"parallel"},
     "pettingzoo": {"parallel"},
     "SALib": {"report"},
+    "mcap": {"export"},
+    "imageio_ffmpeg": {"picture"},
     "dask": {"cluster"},
     "distributed": {"cluster"},
     "dask_jobqueue": {"cluster"},

@@ -1,0 +1,49 @@
+"""Colours and patterns of boxes: apart for colour-blind eyes, and by their lightness in grey."""
+
+from typing import Final, NamedTuple
+
+from cosim.export.lanes import STATE, WHOLE
+
+
+class Look(NamedTuple):
+    """How a box is drawn."""
+
+    fill: str
+    ink: str
+    """Of the text in it."""
+
+
+LOOKS: Final[dict[str, Look]] = {
+    "ID": Look("#f8d48a", "#000000"),
+    "FHS": Look("#e69f00", "#000000"),
+    "POLL": Look("#b0b0b0", "#000000"),
+    "NULL": Look("#ebebeb", "#000000"),
+    **dict.fromkeys(("DM1", "DM3", "DM5", "DATA", "frame"), Look("#0072b2", "#ffffff")),
+    **dict.fromkeys(("DH1", "DH3", "DH5", "AUX1"), Look("#00436a", "#ffffff")),
+    **dict.fromkeys(("HV1", "HV2", "HV3"), Look("#cc79a7", "#000000")),
+    "RTS": Look("#4f9d7d", "#000000"),
+    "CTS": Look("#93c9b1", "#000000"),
+    "ACK": Look("#d9efe4", "#000000"),
+    **dict.fromkeys(("RREQ", "RREP", "RERR", "HELLO", "TC"), Look("#7a3b8f", "#ffffff")),
+}
+"""Looks of kinds of frames (colours of Okabe and Ito, and lighter and darker ones of theirs)."""
+OTHER: Final = Look("#009e73", "#ffffff")
+LOST_HATCH: Final = "xxxxx"
+"""Pattern of a frame that was lost: what colour alone would not tell."""
+_STATES: Final = ("#fbe3b5", "#cfe3f1", "#d9ead3", "#eadcf1", "#f6d5c8", "#e4e4e4", "#f1f1b8", "#c9ece2")
+STATE_INK: Final = "#333333"
+
+
+def look(kind: str) -> Look:
+    """Return the look of a frame of *kind*."""
+    return LOOKS.get(kind, OTHER)
+
+
+def state_fill(state: str) -> str:
+    """Return the pale colour of a state: the same for one name in all pictures."""
+    return _STATES[sum(state.encode()) % len(_STATES)]
+
+
+def is_lost(what: str, outcome: str) -> bool:
+    """Return whether a box of a lane is to be drawn as lost."""
+    return what != STATE and outcome not in WHOLE

@@ -1,0 +1,140 @@
+"""Lanes of boxes below one another: above a robot's line what it sends, below it what is meant for it, then its states."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from matplotlib.collections import LineCollection
+from matplotlib.patches import Patch, Rectangle
+
+from cosim.export.lanes import HEARD, SENT, STATE
+from cosim.picture.colours import LOST_HATCH, STATE_INK, is_lost, look, state_fill
+from cosim.picture.window import Box
+from cosim.units import MS, S, US, Time
+
+HIGH: Final = 0.36
+"""Height of a box, in lanes."""
+_STRIP: Final = 0.3
+"""Height of a strip of a state."""
+_LETTER: Final = 0.0105
+"""Width of a letter, as a share of the axis: a text that has no room is left out."""
+MOST_HAIRLINES: Final = 300
+"""The most frames that are joined with their receptions."""
+
+
+def draw_slots(plot: Any, seen: Sequence[Box], robots: Sequence[int], span: tuple[Time, Time], now: Time | None) -> None:
+    """Draw into *plot* the boxes *seen* of *robots* in the *span* of time, with a line at *now*."""
+    begin, end = span
+    unit, origin, name = time_axis(begin, end)
+    strips = _strips(seen)
+    tops = _tops(robots, strips)
+
+    def x(time: Time) -> float:
+        return (min(max(time, begin), end) - origin) / unit
+
+    def width(text: str) -> float:
+        return len(text) * _LETTER * (end - begin) / unit
+
+    for box in seen:
+        line = tops.get(box.robot)
+        if line is not None:
+            place = line + _height(box, strips)
+            _draw_box(plot, box, (x(box.start), x(box.end)), place, width)
+    _draw_hairlines(plot, seen, tops, x)
+    if now is not None:
+        plot.axvline(x(now), color="#d00000", linewidth=0.9, zorder=6)
+    for robot, line in tops.items():
+        plot.axhline(line, color="#777777", linewidth=0.6, zorder=1)
+        plot.text(-0.012, line, f"robot {robot}" if robot >= 0 else "jammers", transform=plot.get_yaxis_transform(),
+                  ha="right", va="center", fontsize=8)  # fmt: skip
+    last = min(tops.values(), default=0.0)
+    rows = max((len(each) for each in strips.values()), default=0)
+    plot.set(xlim=(x(begin), x(end)), ylim=(last - 0.5 - _STRIP * rows, 0.55))
+    plot.set_yticks([])
+    for side in ("left", "right", "top"):
+        plot.spines[side].set_visible(False)
+    after = "" if unit == S else f" after {origin / S:.3f} s"
+    plot.set_xlabel(f"time, {name}{after}", fontsize=8)
+    plot.tick_params(labelsize=8)
+
+
+def height(seen: Sequence[Box], robots: Sequence[int]) -> float:
+    """Return how many lanes high the drawing of the boxes *seen* is."""
+    strips = _strips(seen)
+    return float(sum(1 + _STRIP * len(strips.get(robot, ())) for robot in robots)) + 0.1
+
+
+def legend(seen: Sequence[Box]) -> list[Patch]:
+    """Return a mark for each kind among the boxes *seen*, for what is lost, and for each state."""
+    frames = sorted({box.kind for box in seen if box.what != STATE})
+    marks = [Patch(facecolor=look(kind).fill, edgecolor="#000000", linewidth=0.5, label=kind) for kind in frames]
+    if any(is_lost(box.what, box.outcome) for box in seen):
+        marks.append(Patch(facecolor="#ffffff", edgecolor="#000000", hatch=LOST_HATCH, linewidth=0.5, label="lost"))
+    states = sorted({box.kind for box in seen if box.what == STATE})
+    return marks + [Patch(facecolor=state_fill(each), edgecolor="#999999", linewidth=0.5, label=each) for each in states]
+
+
+def time_axis(begin: Time, end: Time) -> tuple[Time, Time, str]:
+    """Return the unit of the axis from *begin* to *end*, where its zero is, and the unit's name."""
+    length = end - begin
+    unit, name = (S, "s") if length >= 2 * S else (MS, "ms") if length >= 2 * MS else (US, "µs")
+    return unit, 0 if unit == S else begin - begin % MS, name
+
+
+def _strips(seen: Sequence[Box]) -> dict[int, list[tuple[int, str]]]:
+    """Return for each robot its states, one strip each, as (radio, state)."""
+    found: dict[int, set[tuple[int, str]]] = {}
+    for box in seen:
+        if box.what == STATE:
+            found.setdefault(box.robot, set()).add((box.radio, box.kind))
+    return {robot: sorted(states) for robot, states in found.items()}
+
+
+def _tops(robots: Sequence[int], strips: dict[int, list[tuple[int, str]]]) -> dict[int, float]:
+    """Return where the line of each robot is, the first at 0, the others below."""
+    tops, at = {}, 0.0
+    for robot in robots:
+        tops[robot] = at
+        at -= 1.0 + _STRIP * len(strips.get(robot, ()))
+    return tops
+
+
+def _height(box: Box, strips: dict[int, list[tuple[int, str]]]) -> float:
+    """Return how far above its robot's line *box* begins."""
+    if box.what == STATE:
+        return -0.45 - _STRIP * (1 + strips[box.robot].index((box.radio, box.kind)))
+    return 0.0 if box.what == SENT else -HIGH
+
+
+def _draw_box(plot: Any, box: Box, span: tuple[float, float], y: float, width: Any) -> None:
+    left, right = span
+    if box.what == STATE:
+        style = {"facecolor": state_fill(box.kind), "edgecolor": "#999999", "linewidth": 0.4, "zorder": 2}
+        plot.add_patch(Rectangle((left, y), right - left, 0.85 * _STRIP, **style))
+        text, ink, tall = box.kind, STATE_INK, 0.85 * _STRIP
+    else:
+        lost = is_lost(box.what, box.outcome)
+        fill, ink = look(box.kind)
+        style = {"facecolor": "#ffffff" if lost else fill, "edgecolor": fill if lost else "#000000", "linewidth": 0.4}
+        plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=3, hatch=LOST_HATCH if lost else None, **style))
+        if lost:
+            plot.add_patch(Rectangle((left, y), right - left, HIGH, fill=False, edgecolor="#000000", linewidth=0.8, zorder=4))
+        text, tall = box.kind, HIGH
+        if lost:
+            ink = "#000000"
+    if width(text) <= right - left:
+        boxed = {"bbox": {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.5}} if is_lost(box.what, box.outcome) else {}
+        plot.text((left + right) / 2, y + tall / 2, text, color=ink, fontsize=6.5, ha="center", va="center_baseline",
+                  zorder=5, clip_on=True, **boxed)  # fmt: skip
+
+
+def _draw_hairlines(plot: Any, seen: Sequence[Box], tops: dict[int, float], x: Any) -> None:
+    """Join frames with their receptions."""
+    received = [box for box in seen if box.what == HEARD and box.peer in tops and box.robot in tops]
+    if len(received) > MOST_HAIRLINES:
+        return
+    ends = [
+        ((x(box.start), tops[box.peer] + (0.0 if tops[box.peer] > tops[box.robot] else HIGH)),
+         (x(box.start), tops[box.robot] + (0.0 if tops[box.peer] > tops[box.robot] else -HIGH)))
+        for box in received
+    ]  # fmt: skip
+    plot.add_collection(LineCollection(ends, colors="#999999", linewidths=0.5, zorder=1.5))
