@@ -9,10 +9,10 @@ from cosim.export.recording import Recording
 
 SENT: Final = "sent"
 HEARD: Final = "received"
-UNHEARD: Final = "unheard"
-STATE: Final = "state"
+UNHEARD: Final = "broadcasts"
+STATE: Final = "states"
 ORDER: Final = (STATE, SENT, HEARD, UNHEARD)
-WHOLE: Final = frozenset({"", "received", "sent"})
+WHOLE: Final = frozenset({"", "received"})
 """Outcomes of what was not lost."""
 
 
@@ -22,7 +22,7 @@ class Lane(NamedTuple):
     robot: int
     radio: int
     what: str
-    """*sent*, *received* (frames that were meant for it), *unheard* (its own that nobody was there for), *state*."""
+    """*sent*, *received* (frames that were meant for it), *broadcasts* (its own that nobody was there for), *states*."""
     table: str
     rows: Int64s
     """Numbers of the rows in the table."""
@@ -31,7 +31,7 @@ class Lane(NamedTuple):
     kinds: list[str]
     """Packet types, or states."""
     outcomes: list[str]
-    """What became of a frame; empty for states, *sent* or *cut short* for what is sent."""
+    """What became of a frame; empty for states, and for what is sent, but *cut* if its sender fell silent."""
 
     @property
     def name(self) -> str:
@@ -64,7 +64,7 @@ def _sent(recording: Recording) -> list[Lane]:
     if recording.count(table):
         starts, radios = recording.column(table, "time_ns"), recording.radio(table)
         told = set(radios.tolist())
-        outcomes = np.where(recording.column(table, "whole").astype(bool), "sent", "cut short").astype(object)
+        outcomes = np.where(recording.column(table, "whole").astype(bool), "", "cut").astype(object)
         spans = starts, starts + recording.column(table, "duration_ns")
         words = recording.column(table, "kind"), outcomes
         found = _split(SENT, table, recording.column(table, "source"), radios, spans, words)
@@ -91,7 +91,7 @@ def _sent_by_frames(recording: Recording, told: set[int]) -> list[Lane]:
         return []
     rows = np.fromiter(first.values(), dtype=np.int64)
     ends = starts + recording.column(table, "duration_ns")
-    words = kinds[rows], np.full(len(rows), "sent", dtype=object)
+    words = kinds[rows], np.full(len(rows), "", dtype=object)
     return _split(SENT, table, robots[rows], radios[rows], (starts[rows], ends[rows]), words, rows)
 
 

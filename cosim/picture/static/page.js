@@ -33,7 +33,7 @@ function unpack([head, columns]) {
     opened.longest = 0;
     for (let row = 0; row < count; row++) {
       opened.busy[row + 1] = opened.busy[row] + opened.lengths[row];
-      opened.gone[row + 1] = opened.gone[row] + (opened.what !== "state" && head.lost.includes(head.words[opened.outcomes[row]]));
+      opened.gone[row + 1] = opened.gone[row] + (opened.what !== "states" && head.lost.includes(head.words[opened.outcomes[row]]));
       opened.longest = Math.max(opened.longest, opened.lengths[row]);
     }
     return opened;
@@ -67,7 +67,7 @@ function layOut() {
     const radio = Math.max(0, lane.radio);
     let group = groups.find((each) => each.robot === lane.robot && each.radio === radio);
     if (!group) groups.push(group = { robot: lane.robot, radio, lanes: [], states: [] });
-    (lane.what === "state" ? group.states : group.lanes).push(lane);
+    (lane.what === "states" ? group.states : group.lanes).push(lane);
   }
   groups.sort((one, two) => (one.robot < 0) - (two.robot < 0) || one.robot - two.robot || one.radio - two.radio);
   const several = groups.some((group) => group.radio > 0);
@@ -269,7 +269,7 @@ function drawLane(pen, lane, X, width) {
     pen.fillStyle = gone ? "#fff" : fill;
     pen.fillRect(x, lane.y, wide, lane.high);
     if (wide > 3) {
-      pen.strokeStyle = lane.what === "state" ? style("--line") : "#000";
+      pen.strokeStyle = lane.what === "states" ? style("--line") : "#000";
       pen.lineWidth = gone ? 1.2 : 0.6;
       pen.strokeRect(x + 0.3, lane.y + 0.3, wide - 0.6, lane.high - 0.6);
     }
@@ -346,7 +346,7 @@ function choose(lane, row, centre) {
   if (centre && (now < view.from || now + lane.lengths[row] > view.to)) show(now - (view.to - view.from) / 2, view.to - view.from);
   const fields = [["kind", word(lane.kinds[row])], ["robot", `${lane.robot}, ${lane.what}`],
     ["begins", `${(now / 1e9).toFixed(9)} s`], ["lasts", `${lane.lengths[row] / 1000} µs, ${(lane.lengths[row] / 625000).toFixed(3)} slots`]];
-  if (lane.what !== "state") fields.push(["outcome", word(lane.outcomes[row])]);
+  if (lane.what !== "states") fields.push(["outcome", word(lane.outcomes[row])]);
   if (lane.sources && lane.what !== "sent") fields.push(["from", `robot ${lane.sources[row]}`]);
   if (lane.peers && lane.what === "sent") fields.push(["to", lane.peers[row] < 0 ? "all" : `robot ${lane.peers[row]}`]);
   if (lane.channels && lane.channels[row] >= 0) fields.push(["RF channel", `${lane.channels[row]}, ${2402 + lane.channels[row]} MHz`]);
@@ -367,7 +367,7 @@ function choose(lane, row, centre) {
 
 function step(direction, only) {
   // the next box, in time, of the chosen lane, or of any if only those that *only* accepts are wanted
-  const lanes = only || !chosen ? run.lanes.filter((lane) => lane.what !== "state") : [chosen.lane];
+  const lanes = only || !chosen ? run.lanes.filter((lane) => lane.what !== "states") : [chosen.lane];
   const after = chosen ? chosen.lane.starts[chosen.row] : now;
   let best = null;
   for (const lane of lanes) {
