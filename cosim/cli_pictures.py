@@ -46,18 +46,18 @@ class Written(NamedTuple):
     """A file that was written of a run."""
 
     path: Path
-    count: int
+    size: int
     what: str
-    """Of which there are *count* in it."""
+    """Of which there are *size* in it."""
     more: str = ""
 
     def text(self) -> str:
         """Return a line for people."""
-        return f"{self.count} {self.what} in {self.path}, {_size(self.path)}{self.more}"
+        return f"{self.size} {self.what} in {self.path}, {_size(self.path)}{self.more}"
 
     def plain(self) -> dict[str, Any]:
         """Return the same as plain data."""
-        return {self.what: self.count, "output": str(self.path)}
+        return {self.what: self.size, "output": str(self.path)}
 
 
 def is_export(path: Path) -> bool:
@@ -119,7 +119,9 @@ def _size(path: Path) -> str:
 @click.option("--to", "to_s", type=float, help="s, where they end.")
 @click.option("--channels", is_flag=True, help="Show a figure's frames on their RF channels, too.")
 @click.option("--speed", type=click.FloatRange(1e-9, 1e6), default=1.0, help="Simulated seconds a second of a film.")
-@click.option("--boxes", type=click.Path(dir_okay=False, path_type=Path), help="Write what a figure draws as CSV there.")
+@click.option(
+    "--boxes", type=click.Path(dir_okay=False, path_type=Path), help="Write what a figure draws as CSV there."
+)
 @click.option("--seed", type=SEED, help="Instead of the scenario's own.")
 @SETS
 @told_of_compiling()
@@ -148,7 +150,7 @@ def read_or_make(what: str, seed: int | None, sets: tuple[str, ...]) -> Recordin
     from cosim.web.recorded import is_trace
     from cosim.web.scenes import read_scene
 
-    if is_trace(Path(what)) or Path(what).is_dir() and not (Path(what) / "sweep.yaml").is_file():
+    if is_trace(Path(what)) or (Path(what).is_dir() and not (Path(what) / "sweep.yaml").is_file()):
         if sets or seed is not None:
             raise UserError(f"{what}: is a recorded run: its seed and settings are what they were")
         return of_folder(Path(what), read_scene(Path(what)))

@@ -8,11 +8,13 @@ from __future__ import annotations
 import gc
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import click
+
+from cosim.errors import UserError
 
 SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 SEED = click.IntRange(0, 2**62)

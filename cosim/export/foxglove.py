@@ -121,7 +121,7 @@ FLOOR: Final = "floor"
 
 def grid(time: Time, corner: tuple[float, float], cell_m: float, pixels: Any) -> Plain:
     """Return a map of coloured cells; *pixels* (rows, columns, 4) of red, green, blue, alpha, the lowest row first."""
-    count, columns = pixels.shape[:2]
+    columns = pixels.shape[1]
     names = ("red", "green", "blue", "alpha")
     return {
         "timestamp": instant(time),
@@ -136,7 +136,9 @@ def grid(time: Time, corner: tuple[float, float], cell_m: float, pixels: Any) ->
     }
 
 
-def entity(time: Time, name: str, frame: str = FLOOR, metadata: Mapping[str, object] | None = None, **parts: Any) -> Plain:
+def entity(
+    time: Time, name: str, frame: str = FLOOR, metadata: Mapping[str, object] | None = None, **parts: Any
+) -> Plain:
     """Return a thing to draw; it replaces the one of the same *name* on its topic, and stays."""
     return {
         "timestamp": instant(time),
@@ -176,8 +178,12 @@ def cylinder(radius_m: float, height_m: float, shade: Plain) -> Plain:
 def text(words: str, z: float, shade: Plain, x: float = 0.0, y: float = 0.0) -> Plain:
     """Return *words* that always face who looks."""
     return {
-        **{"pose": pose(x, y, z), "billboard": True, "font_size": 14.0, "scale_invariant": True},
-        **{"color": shade, "text": words},
+        "pose": pose(x, y, z),
+        "billboard": True,
+        "font_size": 14.0,
+        "scale_invariant": True,
+        "color": shade,
+        "text": words,
     }
 
 
@@ -199,7 +205,9 @@ def layout(robots: Sequence[int]) -> Plain:
         "3D!floor": {
             "cameraState": {"perspective": False, "distance": 40, "phi": 0, "thetaOffset": 90},
             "followTf": FLOOR,
-            "topics": {topic: {"visible": True} for topic in ("/map", "/walls", "/robots", "/radio/links", "/radio/jammers")}
+            "topics": {
+                topic: {"visible": True} for topic in ("/map", "/walls", "/robots", "/radio/links", "/radio/jammers")
+            }
             | {"/radio/ranges": {"visible": False}},
         },
         "StateTransitions!radio": {
@@ -213,7 +221,12 @@ def layout(robots: Sequence[int]) -> Plain:
             "isSynced": True,
             "showLegend": True,
             "paths": [
-                {"value": f"/{name}/traffic.frames_lost", "timestampMethod": "receiveTime", "enabled": True, "label": name}
+                {
+                    "value": f"/{name}/traffic.frames_lost",
+                    "timestampMethod": "receiveTime",
+                    "enabled": True,
+                    "label": name,
+                }
                 for name in names
             ],
         },

@@ -1,6 +1,6 @@
 """Lanes of boxes, one box a row of a table: what a radio sends, what it hears, and what it and its robot are doing."""
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ class Lane(NamedTuple):
     robot: int
     radio: int
     what: str
-    """*sent*, *received* (frames that were meant for it), *broadcasts* (its own that nobody was there for), *states*."""
+    """*states*, *sent*, *received* (frames meant for it) or *broadcasts* (its own that nobody was there for)."""
     table: str
     rows: Int64s
     """Numbers of the rows in the table."""
@@ -119,7 +119,7 @@ def _split(
     robots: Int64s,
     radios: Int64s,
     spans: tuple[Int64s, Int64s],
-    words: tuple[np.ndarray, np.ndarray],  # type: ignore[type-arg]
+    words: tuple[Any, Any],
     rows: Int64s | None = None,
 ) -> list[Lane]:
     """Return a lane for each robot and radio that has boxes."""

@@ -60,14 +60,15 @@ def write_mcap(recording: Recording, path: Path) -> int:
     path.parent.mkdir(parents=True, exist_ok=True)
     count = 0
     with drafted(path) as draft, draft.open("wb") as file:
-        writer = Writer(file)
+        writer: Any = Writer(file)
         writer.start(library=f"cosim {__version__}")
         schemas = {
             name: writer.register_schema(name, "jsonschema", json.dumps({"title": name, **schema}).encode())
             for name, schema in foxglove.SCHEMAS.items()
         }
         channels: dict[str, int] = {}
-        for count, (time, topic, message) in enumerate(messages(recording), start=1):
+        for time, topic, message in messages(recording):
+            count += 1
             if topic not in channels:
                 channels[topic] = writer.register_channel(topic, "json", schemas[schema_of(topic)])
             at = EPOCH + time
@@ -87,7 +88,8 @@ def schema_of(topic: str) -> str:
 
 
 def _metadata(recording: Recording) -> dict[str, str]:
-    told = {name: recording.metadata[name] for name in ("seed", "digest", "scenario") if name in recording.metadata}
+    names = "seed", "digest", "scenario"
+    told: dict[str, str] = {name: recording.metadata[name] for name in names if name in recording.metadata}
     offset = f"{EPOCH} ns are added to simulated time: 0 s of the run is 2000-01-01 00:00:00 UTC"
     return {"cosim": __version__, "run": recording.title, "time": offset, "time_offset_ns": str(EPOCH), **told}
 
@@ -125,8 +127,10 @@ def _floor(recording: Recording) -> Iterator[Message]:
         for one, two in zip(polygon, [*polygon[1:], polygon[0]], strict=True)
     ]
     yield 0, "/map", _map(recording)
-    yield 0, "/walls", foxglove.scene(
-        [foxglove.entity(EPOCH, "walls", lines=[walls, foxglove.lines(polygons, shade, 0.06, 0.3)])]
+    yield (
+        0,
+        "/walls",
+        foxglove.scene([foxglove.entity(EPOCH, "walls", lines=[walls, foxglove.lines(polygons, shade, 0.06, 0.3)])]),
     )
 
 
@@ -139,7 +143,9 @@ def _map(recording: Recording) -> dict[str, Any]:
     for polygon in recording.scene["polygons_m"]:
         pen.polygon([((x - x0) / cell, (y - y0) / cell) for x, y in polygon], fill=(120, 120, 120, 255))
     for a, b, c, d in recording.scene["walls_m"]:
-        pen.line([((a - x0) / cell, (b - y0) / cell), ((c - x0) / cell, (d - y0) / cell)], fill=(40, 40, 40, 255), width=2)
+        pen.line(
+            [((a - x0) / cell, (b - y0) / cell), ((c - x0) / cell, (d - y0) / cell)], fill=(40, 40, 40, 255), width=2
+        )
     return foxglove.grid(EPOCH, (x0, y0), cell, np.asarray(picture))
 
 
@@ -150,15 +156,21 @@ def _robots(recording: Recording) -> Iterator[Message]:
         shade = colour(ROBOTS[robot % len(ROBOTS)] if not down else "#9a9a9a")
         name = f"robot {robot}" + (", down" if down else "")
         arrow = {
-            **{"pose": foxglove.pose(z=0.45), "shaft_length": radii[robot], "shaft_diameter": 0.06},
-            **{"head_length": 0.5 * radii[robot], "head_diameter": 0.18, "color": colour("#000000")},
+            "pose": foxglove.pose(z=0.45),
+            "shaft_length": radii[robot],
+            "shaft_diameter": 0.06,
+            "head_length": 0.5 * radii[robot],
+            "head_diameter": 0.18,
+            "color": colour("#000000"),
         }
         parts = {
             "cylinders": [foxglove.cylinder(radii[robot], 0.4, shade)],
             "texts": [foxglove.text(name, 0.8, colour("#000000"))],
             "arrows": [arrow],
         }
-        return foxglove.entity(EPOCH + time, name.partition(",")[0], f"robot_{robot}", {"robot": robot, "down": down}, **parts)
+        return foxglove.entity(
+            EPOCH + time, name.partition(",")[0], f"robot_{robot}", {"robot": robot, "down": down}, **parts
+        )
 
     yield 0, "/robots", foxglove.scene([body(0, robot, False) for robot in range(recording.size)])
     channel = recording.scenario.get("channel", {})
@@ -232,7 +244,13 @@ def _events(recording: Recording) -> Iterator[Message]:
     def told(table: str, fixed: frozenset[str]) -> Iterator[Message]:
         for number, row in enumerate(recording.rows(table)):
             about = [f"{key} {value}" for key, value in row.items() if value not in (None, "") and key not in fixed]
-            level = foxglove.ERROR if row["event"] in DOWN else foxglove.WARNING if row["event"] == "Lost" else foxglove.INFO
+            level = (
+                foxglove.ERROR
+                if row["event"] in DOWN
+                else foxglove.WARNING
+                if row["event"] == "Lost"
+                else foxglove.INFO
+            )
             words = " ".join([row["event"], ", ".join(about)]).strip()
             message = foxglove.log(EPOCH + row["time_ns"], level, f"robot_{row['source']}", words, table, number)
             yield row["time_ns"], "/events", message
@@ -246,7 +264,10 @@ def _radios(recording: Recording) -> Iterator[Message]:
     changes: dict[int, list[tuple[Time, int, str, str]]] = {robot: [(0, 0, "", "")] for robot in range(recording.size)}
     for row in recording.rows("intervals"):
         if row["robot"] >= 0:
-            changes[row["robot"]] += [(row["start_ns"], 1, "state", row["state"]), (row["end_ns"], -1, "state", row["state"])]
+            changes[row["robot"]] += [
+                (row["start_ns"], 1, "state", row["state"]),
+                (row["end_ns"], -1, "state", row["state"]),
+            ]
     for begin, end, master, slave in recording.links():
         for robot, role, peer in ((master, "master", slave), (slave, "slave", master)):
             for time, change in ((begin, 1), (end, -1)):
@@ -263,14 +284,18 @@ def _radios(recording: Recording) -> Iterator[Message]:
             if time > last or (number + 1 < len(found) and found[number + 1][0] == time):
                 continue  # several changes at one instant are one message
             on = {name: sorted(word for (kind, word), n in counts.items() if kind == name and n > 0) for name in _WHAT}
-            yield time, f"/robot_{robot}/radio", {
-                "timestamp": foxglove.instant(EPOCH + time),
-                "state": " + ".join(on["state"]) or "idle",
-                "role": " + ".join(on["role"]) or "none",
-                "links": len(on["peer"]),
-                "peers": ", ".join(on["peer"]),
-                "down": bool(on["down"]),
-            }
+            yield (
+                time,
+                f"/robot_{robot}/radio",
+                {
+                    "timestamp": foxglove.instant(EPOCH + time),
+                    "state": " + ".join(on["state"]) or "idle",
+                    "role": " + ".join(on["role"]) or "none",
+                    "links": len(on["peer"]),
+                    "peers": ", ".join(on["peer"]),
+                    "down": bool(on["down"]),
+                },
+            )
 
 
 _WHAT: Final = ("state", "role", "peer", "down")
@@ -281,8 +306,13 @@ def _traffic(recording: Recording) -> Iterator[Message]:
     counts: Counter[tuple[int, int, str]] = Counter()
     sent: set[tuple[Time, int, int, str]] = set()
     if recording.count("frames"):
-        columns = [recording.column("frames", name).tolist() for name in ("time_ns", "source", "destination", "kind", "outcome")]
-        for time, source, receiver, kind, outcome, radio in zip(*columns, recording.radio("frames").tolist(), strict=True):
+        columns = [
+            recording.column("frames", name).tolist()
+            for name in ("time_ns", "source", "destination", "kind", "outcome")
+        ]
+        for time, source, receiver, kind, outcome, radio in zip(
+            *columns, recording.radio("frames").tolist(), strict=True
+        ):
             sent.add((time, source, radio, kind))
             if receiver >= 0:
                 counts[receiver, time // S, "frames_received" if outcome in WHOLE else "frames_lost"] += 1
@@ -309,4 +339,8 @@ def _metrics(recording: Recording) -> Iterator[Message]:
     metrics = json.loads(recording.metadata.get("metrics", "{}"))
     numbers = {name: value for name, value in metrics.items() if isinstance(value, int | float) and value == value}
     if numbers:
-        yield recording.end, "/metrics", {**numbers, "simulated_s": numbers.get("simulated_s", to_seconds(recording.end))}
+        yield (
+            recording.end,
+            "/metrics",
+            {**numbers, "simulated_s": numbers.get("simulated_s", to_seconds(recording.end))},
+        )

@@ -34,7 +34,11 @@ def write_perfetto(recording: Recording, path: Path) -> int:
         zipped = path.suffix == ".gz"
         # without name and time in its head: the same run gives the same file
         file: IO[bytes] = gzip.GzipFile("", "wb", 6, raw, mtime=0) if zipped else raw  # type: ignore[assignment]
-        told = {"cosim": __version__, "seed": recording.metadata.get("seed"), "digest": recording.metadata.get("digest")}
+        told = {
+            "cosim": __version__,
+            "seed": recording.metadata.get("seed"),
+            "digest": recording.metadata.get("digest"),
+        }
         head = {"displayTimeUnit": "ns", "otherData": {"run": recording.title, **told}}
         file.write(json.dumps(head)[:-1].encode() + b', "traceEvents": [\n')
         for number, event in enumerate(events(recording)):
@@ -82,17 +86,20 @@ def nested(starts: Sequence[Time], ends: Sequence[Time]) -> list[int]:
     open_ends: list[list[Time]] = []
     tracks = [0] * len(starts)
     for at in sorted(range(len(starts)), key=lambda at: (starts[at], -ends[at])):
-        for track, stack in enumerate(open_ends):
-            while stack and stack[-1] <= starts[at]:
-                stack.pop()
-            if not stack or stack[-1] >= ends[at]:
-                break
-        else:
-            track, stack = len(open_ends), []
-            open_ends.append(stack)
-        stack.append(ends[at])
+        track = next((each for each, stack in enumerate(open_ends) if _fits(stack, starts[at], ends[at])), None)
+        if track is None:
+            track = len(open_ends)
+            open_ends.append([])
+        open_ends[track].append(ends[at])
         tracks[at] = track
     return tracks
+
+
+def _fits(stack: list[Time], start: Time, end: Time) -> bool:
+    """Drop from *stack* what has ended, and return whether a span is within the innermost that is left, if any."""
+    while stack and stack[-1] <= start:
+        stack.pop()
+    return not stack or stack[-1] >= end
 
 
 def _process(robot: int) -> int:
@@ -174,7 +181,9 @@ def _counters(recording: Recording) -> Iterator[Event]:
     counts: dict[tuple[str, int], Counter[int]] = {}
     for row_time, robot in _pairs(recording, "messages", "source"):
         counts.setdefault(("payloads a second", robot), Counter())[row_time // S] += 1
-    lost = [outcome not in WHOLE for outcome in recording.column("frames", "outcome")] if recording.count("frames") else []
+    lost = (
+        [outcome not in WHOLE for outcome in recording.column("frames", "outcome")] if recording.count("frames") else []
+    )
     for (row_time, robot), gone in zip(_pairs(recording, "frames", "destination"), lost, strict=True):
         if gone and robot >= 0:
             counts.setdefault(("frames lost a second", robot), Counter())[row_time // S] += 1

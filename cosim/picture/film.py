@@ -85,7 +85,7 @@ def _pictures(recording: Recording, moments: range, dpi: int, told: Callable[[in
     size: tuple[int, int] | None = None
     for number, at in enumerate(moments, start=1):
         figure, _ = draw_moment(recording, View(at, at - reach, at + reach, robots=robots, still=True), found)
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         figure.set_dpi(dpi)
         canvas.draw()
         picture = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba()).convert("RGB")

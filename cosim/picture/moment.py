@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from cosim.errors import UserError
 from cosim.export.lanes import HEARD, Lane, lanes
 from cosim.export.recording import Recording
-from cosim.picture.floor import draw_floor
 from cosim.picture.colours import is_lost, look
+from cosim.picture.floor import draw_floor
 from cosim.picture.slots import draw_slots, height, legend, time_axis
 from cosim.picture.window import Box, boxes
 from cosim.trace import drafted
@@ -112,5 +112,8 @@ def save_moment(figure: Figure, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     kind = path.suffix.lower().removeprefix(".")
     metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "cosim", "hatch.linewidth": 0.5}), drafted(path) as draft:
+    with (
+        mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "cosim", "hatch.linewidth": 0.5}),
+        drafted(path) as draft,
+    ):
         figure.savefig(draft, format=kind, dpi=DPI, metadata=metadata)

@@ -10,7 +10,7 @@ import base64
 import json
 import struct
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -104,7 +104,10 @@ def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
         "steps": _STEPS,
         "events": _events(recording, columns, words, span),
         "lanes": rows,
-        "looks": {**{kind: list(look(kind)) for kind in kinds}, **{each: [state_fill(each), "#333333"] for each in states}},
+        "looks": {
+            **{kind: list(look(kind)) for kind in kinds},
+            **{each: [state_fill(each), "#333333"] for each in states},
+        },
         "lost": sorted(lost),
     }
     text |= {"words": list(words.numbers), "columns": columns.listed}
@@ -130,17 +133,17 @@ def _by_state(lane: Lane) -> list[Lane]:
 
 def _chosen(lane: Lane, at: Int64s) -> Lane:
     kinds, outcomes = ([texts[each] for each in at] for texts in (lane.kinds, lane.outcomes))
-    return lane._replace(
-        rows=lane.rows[at], starts=lane.starts[at], ends=lane.ends[at], kinds=kinds, outcomes=outcomes
-    )
+    return lane._replace(rows=lane.rows[at], starts=lane.starts[at], ends=lane.ends[at], kinds=kinds, outcomes=outcomes)
 
 
 def _lane(recording: Recording, lane: Lane, columns: Columns, words: Words) -> dict[str, Any]:
-    def column(name: str) -> Sequence[Any] | None:
+    def column(name: str) -> Any:
         return recording.column(lane.table, name)[lane.rows] if recording.has(lane.table, name) else None
 
     row: dict[str, Any] = {
-        **{"robot": lane.robot, "radio": lane.radio, "what": lane.what},
+        "robot": lane.robot,
+        "radio": lane.radio,
+        "what": lane.what,
         "starts": columns.add(lane.starts, differences=True),
         "lengths": columns.add(lane.ends - lane.starts),
         "kinds": columns.add(words.codes(lane.kinds)),

@@ -1,4 +1,4 @@
-"""Lanes of boxes below one another: above a robot's line what it sends, below it what is meant for it, then its states."""
+"""Lanes of boxes: above a robot's line what it sends, below it what is meant for it, and below that its states."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -9,7 +9,7 @@ from matplotlib.patches import Patch, Rectangle
 from cosim.export.lanes import HEARD, SENT, STATE
 from cosim.picture.colours import LOST_HATCH, STATE_INK, is_lost, look, state_fill
 from cosim.picture.window import Box
-from cosim.units import MS, S, US, Time
+from cosim.units import MS, US, S, Time
 
 HIGH: Final = 0.36
 """Height of a box, in lanes."""
@@ -21,7 +21,9 @@ MOST_HAIRLINES: Final = 300
 """The most frames that are joined with their receptions."""
 
 
-def draw_slots(plot: Any, seen: Sequence[Box], robots: Sequence[int], span: tuple[Time, Time], now: Time | None) -> None:
+def draw_slots(
+    plot: Any, seen: Sequence[Box], robots: Sequence[int], span: tuple[Time, Time], now: Time | None
+) -> None:
     """Draw into *plot* the boxes *seen* of *robots* in the *span* of time, with a line at *now*."""
     begin, end = span
     unit, origin, name = time_axis(begin, end)
@@ -70,7 +72,9 @@ def legend(seen: Sequence[Box]) -> list[Patch]:
     if any(is_lost(box.what, box.outcome) for box in seen):
         marks.append(Patch(facecolor="#ffffff", edgecolor="#000000", hatch=LOST_HATCH, linewidth=0.5, label="lost"))
     states = sorted({box.kind for box in seen if box.what == STATE})
-    return marks + [Patch(facecolor=state_fill(each), edgecolor="#999999", linewidth=0.5, label=each) for each in states]
+    return marks + [
+        Patch(facecolor=state_fill(each), edgecolor="#999999", linewidth=0.5, label=each) for each in states
+    ]
 
 
 def time_axis(begin: Time, end: Time) -> tuple[Time, Time, str]:
@@ -108,7 +112,12 @@ def _height(box: Box, strips: dict[int, list[tuple[int, str]]]) -> float:
 def _draw_box(plot: Any, box: Box, span: tuple[float, float], y: float, width: Any) -> None:
     left, right = span
     if box.what == STATE:
-        style = {"facecolor": state_fill(box.kind), "edgecolor": "#999999", "linewidth": 0.4, "zorder": 2}
+        style: dict[str, Any] = {
+            "facecolor": state_fill(box.kind),
+            "edgecolor": "#999999",
+            "linewidth": 0.4,
+            "zorder": 2,
+        }
         plot.add_patch(Rectangle((left, y), right - left, 0.85 * _STRIP, **style))
         text, ink, tall = box.kind, STATE_INK, 0.85 * _STRIP
     else:
@@ -117,12 +126,18 @@ def _draw_box(plot: Any, box: Box, span: tuple[float, float], y: float, width: A
         style = {"facecolor": "#ffffff" if lost else fill, "edgecolor": fill if lost else "#000000", "linewidth": 0.4}
         plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=3, hatch=LOST_HATCH if lost else None, **style))
         if lost:
-            plot.add_patch(Rectangle((left, y), right - left, HIGH, fill=False, edgecolor="#000000", linewidth=0.8, zorder=4))
+            plot.add_patch(
+                Rectangle((left, y), right - left, HIGH, fill=False, edgecolor="#000000", linewidth=0.8, zorder=4)
+            )
         text, tall = box.kind, HIGH
         if lost:
             ink = "#000000"
     if width(text) <= right - left:
-        boxed = {"bbox": {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.5}} if is_lost(box.what, box.outcome) else {}
+        boxed = (
+            {"bbox": {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.5}}
+            if is_lost(box.what, box.outcome)
+            else {}
+        )
         plot.text((left + right) / 2, y + tall / 2, text, color=ink, fontsize=6.5, ha="center", va="center_baseline",
                   zorder=5, clip_on=True, **boxed)  # fmt: skip
 

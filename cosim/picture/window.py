@@ -53,9 +53,9 @@ def _of_lane(recording: Recording, lane: Lane, begin: Time, end: Time) -> Iterat
     peers = column("source" if lane.what == HEARD else "destination", -1)
     more = zip(column("channel", -1), peers, column("part", ""), column("detail", ""), strict=True)
     for at, (channel, peer, part, detail) in zip(chosen.tolist(), more, strict=True):
+        words = int(channel), lane.outcomes[at], int(peer), str(part), str(detail)
         span = int(lane.starts[at]), int(lane.ends[at])
-        words = lane.kinds[at], int(channel), lane.outcomes[at], int(peer), str(part), str(detail)
-        yield Box(*span, lane.robot, lane.radio, lane.what, *words)
+        yield Box(span[0], span[1], lane.robot, lane.radio, lane.what, lane.kinds[at], *words)
 
 
 def as_csv(seen: Iterable[Box]) -> str:
