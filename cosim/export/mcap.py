@@ -140,12 +140,15 @@ def _map(recording: Recording) -> dict[str, Any]:
     size = int(np.ceil((x1 - x0) / cell)), int(np.ceil((y1 - y0) / cell))
     picture = Image.new("RGBA", size, (235, 235, 235, 255))
     pen = ImageDraw.Draw(picture)
+
+    def cells(points: Any) -> list[tuple[float, float]]:
+        # what stands on the upper or right edge belongs to the last cell
+        return [(min((x - x0) / cell, size[0] - 1), min((y - y0) / cell, size[1] - 1)) for x, y in points]
+
     for polygon in recording.scene["polygons_m"]:
-        pen.polygon([((x - x0) / cell, (y - y0) / cell) for x, y in polygon], fill=(120, 120, 120, 255))
+        pen.polygon(cells(polygon), fill=(120, 120, 120, 255))
     for a, b, c, d in recording.scene["walls_m"]:
-        pen.line(
-            [((a - x0) / cell, (b - y0) / cell), ((c - x0) / cell, (d - y0) / cell)], fill=(40, 40, 40, 255), width=2
-        )
+        pen.line(cells(((a, b), (c, d))), fill=(40, 40, 40, 255), width=2)
     return foxglove.grid(EPOCH, (x0, y0), cell, np.asarray(picture))
 
 
