@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -13,9 +13,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from cosim.errors import UserError
-from cosim.export.lanes import lanes
+from cosim.export.lanes import Lane, lanes
 from cosim.export.recording import Recording
 from cosim.picture.moment import View, draw_moment
+from cosim.picture.window import Box
 from cosim.trace import drafted
 from cosim.units import MS, S, Time
 
@@ -81,10 +82,10 @@ def _pictures(recording: Recording, moments: range, dpi: int, told: Callable[[in
     """Yield the pictures of *moments*, all of one size."""
     found = lanes(recording)
     reach = max(BEHIND, 2 * moments.step)
-    robots = tuple(sorted({lane.robot for lane in found}, key=lambda robot: robot % (1 << 62)))
+    room = _room(found)
     size: tuple[int, int] | None = None
     for number, at in enumerate(moments, start=1):
-        figure, _ = draw_moment(recording, View(at, at - reach, at + reach, robots=robots, still=True), found)
+        figure, _ = draw_moment(recording, View(at, at - reach, at + reach, room=room), found)
         canvas: Any = FigureCanvasAgg(figure)
         figure.set_dpi(dpi)
         canvas.draw()
@@ -92,6 +93,15 @@ def _pictures(recording: Recording, moments: range, dpi: int, told: Callable[[in
         size = size or (picture.width // 2 * 2, picture.height // 2 * 2)
         yield picture if picture.size == size else picture.crop((0, 0, *size))
         told(number, len(moments))
+
+
+def _room(found: Sequence[Lane]) -> tuple[Box, ...]:
+    """Return a box of each kind and outcome on each lane of *found*, so that lanes and legend stay the same."""
+    return tuple(
+        Box(0, 0, lane.robot, lane.radio, lane.what, kind, -1, outcome, -1, "", "")
+        for lane in found
+        for kind, outcome in dict.fromkeys(zip(lane.kinds, lane.outcomes, strict=True))
+    )
 
 
 def _encode(pictures: Iterator[Image.Image], path: Path, rate: int) -> None:

@@ -13,7 +13,7 @@ from cosim.export.lanes import HEARD, Lane, lanes
 from cosim.export.recording import Recording
 from cosim.picture.colours import is_lost, look
 from cosim.picture.floor import draw_floor
-from cosim.picture.slots import draw_slots, height, legend, time_axis
+from cosim.picture.slots import draw_slots, legend, lines_of, time_axis
 from cosim.picture.window import Box, boxes
 from cosim.trace import drafted
 from cosim.units import S, Time
@@ -39,10 +39,8 @@ class View(NamedTuple):
     """The time of the boxes below it."""
     channels: bool = False
     """True if a third part shows the same frames on their RF channels."""
-    robots: tuple[int, ...] | None = None
-    """Whose lanes are drawn; all robots that have boxes if None."""
-    still: bool = False
-    """True if the figure has the same size and lanes whatever is seen: for a film."""
+    room: tuple[Box, ...] = ()
+    """Boxes for which there is room, and a mark in the legend, even if they are not seen: for a film."""
 
 
 def draw_moment(recording: Recording, view: View, found: Sequence[Lane] | None = None) -> tuple[Figure, list[Box]]:
@@ -52,22 +50,19 @@ def draw_moment(recording: Recording, view: View, found: Sequence[Lane] | None =
     """
     found = lanes(recording) if found is None else found
     seen = boxes(recording, found, view.begin, view.end)
-    if view.robots is not None:
-        seen = [box for box in seen if box.robot in view.robots]
     if len(seen) > MOST_BOXES:
         span = f"{view.begin / S:g} to {view.end / S:g} s"
         raise UserError(f"--from, --to: {len(seen)} boxes from {span}, a figure shows {MOST_BOXES} at most")
-    robots = sorted({box.robot for box in seen}, key=lambda robot: robot % (1 << 62))
-    if view.still and view.robots is not None:
-        robots = list(view.robots)
     with mpl.rc_context({"hatch.linewidth": 0.5, "font.family": "DejaVu Sans"}):
-        return _figure(recording, view, seen, robots), seen
+        return _figure(recording, view, seen), seen
 
 
-def _figure(recording: Recording, view: View, seen: Sequence[Box], robots: Sequence[int]) -> Figure:
+def _figure(recording: Recording, view: View, seen: Sequence[Box]) -> Figure:
+    room = [*seen, *view.room]
+    lines = lines_of(room)
     x0, y0, x1, y1 = recording.scene["bounds_m"]
     floor_in = min(_TALLEST_FLOOR_IN, (WIDE_IN - 0.8) * (y1 - y0) / (x1 - x0)) + 0.2
-    parts = [floor_in, 0.3 + _A_LANE_IN * height(seen, robots)]
+    parts = [floor_in, 0.3 + _A_LANE_IN * lines.height]
     channels = view.channels and any(box.channel >= 0 for box in seen)
     if channels:
         parts.append(1.5)
@@ -76,12 +71,14 @@ def _figure(recording: Recording, view: View, seen: Sequence[Box], robots: Seque
     on_air = [box for box in seen if box.what == HEARD and box.start <= view.at < box.end]
     draw_floor(plots[0], recording, view.at, on_air)
     plots[0].set_title(f"{recording.scene.get('name', '')} at {view.at / S:.6f} s", fontsize=9, loc="left")
-    draw_slots(plots[1], seen, robots, (view.begin, view.end), view.at)
+    draw_slots(plots[1], seen, lines, (view.begin, view.end), view.at)
     if channels:
         _draw_channels(plots[2], view, seen)
-    marks = legend(seen)
+    marks = legend(room)
     if marks:
         figure.legend(handles=marks, loc="outside lower center", ncols=min(len(marks), 7), fontsize=7, frameon=False)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # whose places would be a little others each time it is drawn
     return figure
 
 

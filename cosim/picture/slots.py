@@ -1,7 +1,7 @@
 """Lanes of boxes: above a robot's line what it sends, below it what is meant for it, and below that its states."""
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Patch, Rectangle
@@ -21,14 +21,36 @@ MOST_HAIRLINES: Final = 300
 """The most frames that are joined with their receptions."""
 
 
-def draw_slots(
-    plot: Any, seen: Sequence[Box], robots: Sequence[int], span: tuple[Time, Time], now: Time | None
-) -> None:
-    """Draw into *plot* the boxes *seen* of *robots* in the *span* of time, with a line at *now*."""
+class Lines(NamedTuple):
+    """Where robots' boxes are drawn, from top to bottom."""
+
+    tops: dict[int, float]
+    """Height of each robot's line, in lanes: the first at 0, the others below."""
+    strips: dict[int, list[tuple[int, str]]]
+    """For each robot its states, one strip each, as (radio, state)."""
+    height: float
+
+
+def lines_of(room: Sequence[Box]) -> Lines:
+    """Return lines with room for the boxes *room*: robots in order, jammers last."""
+    states: dict[int, set[tuple[int, str]]] = {}
+    for box in room:
+        mine = states.setdefault(box.robot, set())
+        if box.what == STATE:
+            mine.add((box.radio, box.kind))
+    strips = {robot: sorted(states[robot]) for robot in sorted(states, key=lambda robot: robot % (1 << 62))}
+    tops, at = {}, 0.0
+    for robot, mine_sorted in strips.items():
+        tops[robot] = at
+        at -= 1.0 + _STRIP * len(mine_sorted)
+    return Lines(tops, strips, 0.1 - at)
+
+
+def draw_slots(plot: Any, seen: Sequence[Box], lines: Lines, span: tuple[Time, Time], now: Time | None = None) -> None:
+    """Draw into *plot* the boxes *seen* on *lines* in the *span* of time, with a mark at *now*."""
     begin, end = span
     unit, origin, name = time_axis(begin, end)
-    strips = _strips(seen)
-    tops = _tops(robots, strips)
+    strips, tops = lines.strips, lines.tops
 
     def x(time: Time) -> float:
         return (min(max(time, begin), end) - origin) / unit
@@ -48,21 +70,13 @@ def draw_slots(
         plot.axhline(line, color="#777777", linewidth=0.6, zorder=1)
         plot.text(-0.012, line, f"robot {robot}" if robot >= 0 else "jammers", transform=plot.get_yaxis_transform(),
                   ha="right", va="center", fontsize=8)  # fmt: skip
-    last = min(tops.values(), default=0.0)
-    rows = max((len(each) for each in strips.values()), default=0)
-    plot.set(xlim=(x(begin), x(end)), ylim=(last - 0.5 - _STRIP * rows, 0.55))
+    plot.set(xlim=(x(begin), x(end)), ylim=(0.55 - lines.height, 0.55))
     plot.set_yticks([])
     for side in ("left", "right", "top"):
         plot.spines[side].set_visible(False)
     after = "" if unit == S else f" after {origin / S:.3f} s"
     plot.set_xlabel(f"time, {name}{after}", fontsize=8)
     plot.tick_params(labelsize=8)
-
-
-def height(seen: Sequence[Box], robots: Sequence[int]) -> float:
-    """Return how many lanes high the drawing of the boxes *seen* is."""
-    strips = _strips(seen)
-    return float(sum(1 + _STRIP * len(strips.get(robot, ())) for robot in robots)) + 0.1
 
 
 def legend(seen: Sequence[Box]) -> list[Patch]:
@@ -82,24 +96,6 @@ def time_axis(begin: Time, end: Time) -> tuple[Time, Time, str]:
     length = end - begin
     unit, name = (S, "s") if length >= 2 * S else (MS, "ms") if length >= 2 * MS else (US, "µs")
     return unit, 0 if unit == S else begin - begin % MS, name
-
-
-def _strips(seen: Sequence[Box]) -> dict[int, list[tuple[int, str]]]:
-    """Return for each robot its states, one strip each, as (radio, state)."""
-    found: dict[int, set[tuple[int, str]]] = {}
-    for box in seen:
-        if box.what == STATE:
-            found.setdefault(box.robot, set()).add((box.radio, box.kind))
-    return {robot: sorted(states) for robot, states in found.items()}
-
-
-def _tops(robots: Sequence[int], strips: dict[int, list[tuple[int, str]]]) -> dict[int, float]:
-    """Return where the line of each robot is, the first at 0, the others below."""
-    tops, at = {}, 0.0
-    for robot in robots:
-        tops[robot] = at
-        at -= 1.0 + _STRIP * len(strips.get(robot, ()))
-    return tops
 
 
 def _height(box: Box, strips: dict[int, list[tuple[int, str]]]) -> float:

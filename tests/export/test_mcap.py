@@ -79,7 +79,9 @@ def misfits(value: Any, schema: dict[str, Any], at: str = "") -> list[str]:
         return []
     fields = schema["properties"]
     found = [f"{at}.{name} is not in the schema" for name in value if name not in fields]
-    return found + [each for name in value if name in fields for each in misfits(value[name], fields[name], f"{at}.{name}")]
+    return found + [
+        each for name in value if name in fields for each in misfits(value[name], fields[name], f"{at}.{name}")
+    ]
 
 
 @pytest.mark.slow
@@ -91,7 +93,9 @@ def test_messages_fit_their_schemas_and_are_in_the_order_of_time(radio: File, fa
             assert schema["title"] == name
             for _, message in found[:200]:
                 assert not misfits(message, schema, topic)
-                assert {"foxglove.SceneUpdate", "cosim.Metrics"} & {name} or schema["properties"].keys() == message.keys()
+                assert {"foxglove.SceneUpdate", "cosim.Metrics"} & {name} or schema[
+                    "properties"
+                ].keys() == message.keys()
 
 
 @pytest.mark.slow
@@ -99,7 +103,11 @@ def test_topics_are_those_of_the_guide(radio: File, faulty: File) -> None:
     guide = (ROOT / "docs/guides/pictures.md").read_text(encoding="utf-8")
     table = dict(re.findall(r"^\| `(/[\w/]+)` \| `([\w.]+)` \|", guide, re.MULTILINE))
     assert table == {topic: schema for topic, (schema, _) in TOPICS.items()}
-    used = {re.sub(r"robot_\d+", "robot_N", topic): name for file in (radio, faulty) for topic, (name, _) in file.schemas.items()}
+    used = {
+        re.sub(r"robot_\d+", "robot_N", topic): name
+        for file in (radio, faulty)
+        for topic, (name, _) in file.schemas.items()
+    }
     assert used.items() <= table.items()
     assert set(table) - set(used) <= {"/radio/ranges"}
 
@@ -136,10 +144,14 @@ def test_each_frame_has_a_line_and_lost_ones_are_warnings(radio: File, piconet: 
 
 @pytest.mark.slow
 def test_events_and_metrics_are_those_of_the_run(faulty: File, walls: Whole) -> None:
-    told = Counter((time - EPOCH, message["file"], message["message"].split()[0]) for time, message in faulty.messages["/events"])
+    told = Counter(
+        (time - EPOCH, message["file"], message["message"].split()[0]) for time, message in faulty.messages["/events"]
+    )
     expected = Counter[tuple[int, str, str]]()
     for name in ("events", "links"):
-        expected.update((time, name, event) for time, event in walls[1][name][["time_ns", "event"]].itertuples(index=False))
+        expected.update(
+            (time, name, event) for time, event in walls[1][name][["time_ns", "event"]].itertuples(index=False)
+        )
     assert told == expected
     [(_, metrics)] = faulty.messages["/metrics"]
     known = json.loads(walls[0].metadata["metrics"])
@@ -150,7 +162,7 @@ def test_events_and_metrics_are_those_of_the_run(faulty: File, walls: Whole) -> 
 @pytest.mark.slow
 def test_what_is_down_and_what_jams_is_shown_as_long_as_it_is(faulty: File) -> None:
     changes = [(time - EPOCH, message["entities"]) for time, message in faulty.messages["/robots"][1:]]
-    told = [(time, dict((each["key"], each["value"]) for each in robots[0]["metadata"])) for time, robots in changes]
+    told = [(time, {each["key"]: each["value"] for each in robots[0]["metadata"]}) for time, robots in changes]
     assert [(time / 1e9, each["robot"], each["down"]) for time, each in told] == [
         (20.0, "3", "True"), (30.0, "1", "True"), (35.0, "1", "False")
     ]  # fmt: skip
@@ -200,7 +212,7 @@ def test_the_map_is_dark_where_walls_are_and_begins_at_the_bottom(faulty: File, 
     assert time == EPOCH
     cells = np.frombuffer(b64decode(grid["data"]), np.uint8).reshape(-1, grid["column_count"], 4)
     assert grid["row_stride"] == 4 * grid["column_count"]
-    x0, y0, x1, y1 = walls[0].scene["bounds_m"]
+    x0, y0, _, y1 = walls[0].scene["bounds_m"]
     size = grid["cell_size"]["x"]
     assert cells.shape[0] * size == pytest.approx(y1 - y0, abs=size)
     for a, b, c, d in walls[0].scene["walls_m"]:

@@ -3,6 +3,7 @@
 import gzip
 import json
 from collections import Counter, defaultdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,9 @@ def test_events_and_counts_are_those_of_the_tables(made: Made) -> None:
     instants = Counter((event["cat"], ns(event["ts"]), event["name"]) for event in events if event["ph"] == "i")
     rows = [("events", tables["events"]), ("links", tables["links"])]
     expected = Counter(
-        (name, time, event) for name, table in rows for time, event in zip(table["time_ns"], table["event"], strict=True)
+        (name, time, event)
+        for name, table in rows
+        for time, event in zip(table["time_ns"], table["event"], strict=True)
     )
     assert {key: count for key, count in instants.items() if key[0] != "unsent"} == expected
     counted = Counter[str]()
@@ -146,5 +149,5 @@ def test_spans_that_overlap_without_nesting_never_share_a_track(lengths: list[tu
             if tracks[at] == tracks[other]:
                 apart, within = b <= c or d <= a, (a <= c and d <= b) or (c <= a and b <= d)
                 assert apart or within
-    if all(one[1] <= two[0] for one, two in zip(boxes, boxes[1:], strict=False)):
+    if all(one[1] <= two[0] for one, two in pairwise(boxes)):
         assert set(tracks) <= {0}
