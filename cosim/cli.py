@@ -335,13 +335,19 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
     if is_trace(Path(what)):
         if sets or seed is not None:
             raise UserError(f"{what}: is a recorded run: its seed and settings are what they were")
-        session = Recorded(Path(what), playing=not paused)
+        with bar("lanes of the timeline, once") as told:
+            session = Recorded(Path(what), playing=not paused, told=told, say=_aside)
     else:
         chosen = scenario_named(what, sets)
         with naming(what, sets):
             rehearse(chosen, chosen.seed if seed is None else seed)
             session = Live(chosen, chosen.seed if seed is None else seed, playing=not paused)
     _show(session, None, **showing)
+
+
+def _aside(line: str) -> None:
+    """Tell the user *line*, beside what the command prints."""
+    click.echo(line, err=True)
 
 
 def _show(session: Session, html: Path | None, port: int, in_browser: bool, secret: bool) -> None:

@@ -12,9 +12,11 @@ import hashlib
 import os
 import sys
 from array import array
-from collections.abc import Iterable, Iterator, Mapping
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import repeat
+from itertools import accumulate, repeat
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
@@ -295,11 +297,16 @@ class Trace:
         paths = []
         for name in self.tables:
             path = folder / f"{name}.parquet"
-            write_parquet(self.arrow(name, metadata), path)
+            write_parquet(self.arrow(name, metadata), path, GROUP_ROWS)
             paths.append(path)
         return paths
 
 
+GROUP_ROWS: Final = 1 << 17
+"""Rows that are read together from a file of a trace: one of them is not to cost much."""
+_GROUPS_KEPT: Final = 3
+_REPEATED: Final = ["kind", "outcome", "part", "state", "event"]
+"""Columns of words, of which there are few different ones."""
 _FIRST_COLUMNS: Final = [[_TIME.name, _SOURCE.name], [field.name for field in INTERVALS.fields[:2]]]
 
 
@@ -334,12 +341,133 @@ class StoredTable:
         return rows
 
 
-def write_parquet(table: Any, path: Path) -> None:
-    """Write *table* to *path* whole: nobody ever reads half a file."""
+class TableFile:
+    """A table of an earlier run that is too large to be read whole: by columns and groups of rows, in their order."""
+
+    def __init__(self, path: Path) -> None:
+        """Look at *path*; raise UserError for a file that is no such table."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            about = pq.read_metadata(path)
+            self.names: list[str] = about.schema.names
+            repeated = [name for name in self.names if name in _REPEATED]
+            self._file = pq.ParquetFile(path, metadata=about, read_dictionary=repeated)
+        except (pa.ArrowException, OSError) as error:
+            raise UserError(f"{path}: cannot be read as Parquet: {error}") from None
+        self._path = path
+        if self.names[:2] not in _FIRST_COLUMNS:
+            raise UserError(f"{path}: is no table of a trace")
+        self._groups = [at for at in range(about.num_row_groups) if about.row_group(at).num_rows]
+        self._ends = list(accumulate(about.row_group(at).num_rows for at in self._groups))
+        self._read: OrderedDict[int, Any] = OrderedDict()
+        self._spans = [self._span(at) for at in range(len(self._groups))]
+
+    def __len__(self) -> int:
+        return int(self._file.metadata.num_rows)
+
+    @property
+    def last(self) -> int:
+        """The time of the last row; 0 if there is none."""
+        return int(self._group(len(self._ends) - 1).column(0)[-1].as_py()) if len(self) else 0
+
+    def until(self, time: int) -> int:
+        """Return the number of rows up to *time*."""
+        at = sum(greatest <= time for _, greatest in self._spans)
+        begin = self._ends[at - 1] if at else 0
+        if at == len(self._ends) or self._spans[at][0] > time:
+            return begin
+        return begin + int(self._group(at).column(0).to_numpy().searchsorted(time, side="right"))
+
+    def groups(self, names: Sequence[str]) -> Iterator[dict[str, Any]]:
+        """Yield for each group of rows the columns *names*: numbers as arrays, text as (codes, words by code)."""
+        for at in range(len(self._ends)):
+            yield {name: _plain(column) for name, column in self._columns(at, list(names)).items()}
+
+    def row(self, number: int) -> dict[str, Any]:
+        """Return the row of that *number*, by column; None for what it does not have."""
+        at = bisect_right(self._ends, number)
+        if number < 0 or at == len(self._ends):
+            raise UserError(f"{self._path.name}: there is no row {number}")
+        return self._rows(at, number - (self._ends[at - 1] if at else 0), 1)[0]
+
+    def rows(self, first: int, end: int) -> list[dict[str, Any]]:
+        """Return the rows from number *first* to before *end*, by column; None for what a row does not have."""
+        rows: list[dict[str, Any]] = []
+        first, end = max(0, first), min(end, len(self))
+        while first < end:
+            at = bisect_right(self._ends, first)
+            begin = self._ends[at - 1] if at else 0
+            count = min(end, self._ends[at]) - first
+            rows += self._rows(at, first - begin, count)
+            first += count
+        return rows
+
+    def at(self, time: int) -> list[tuple[int, dict[str, Any]]]:
+        """Return the numbers and rows of that *time*."""
+        import pyarrow.compute as pc
+
+        found = []
+        for at, (least, greatest) in enumerate(self._spans):
+            if least <= time <= greatest:
+                times = self._group(at).column(0)
+                begin = self._ends[at - 1] if at else 0
+                for place in pc.indices_nonzero(pc.equal(times, time)).to_pylist():
+                    found.append((begin + place, self._rows(at, place, 1)[0]))
+        return found
+
+    def _rows(self, at: int, first: int, count: int) -> list[dict[str, Any]]:
+        rows: list[dict[str, Any]] = self._group(at).slice(first, count).to_pylist()
+        return rows
+
+    def _group(self, at: int) -> Any:
+        """Return all columns of the group number *at*; the last few are kept."""
+        if at not in self._read:
+            self._read[at] = self._columns(at, None)
+            while len(self._read) > _GROUPS_KEPT:
+                self._read.popitem(last=False)
+        self._read.move_to_end(at)
+        return self._read[at]
+
+    def _columns(self, at: int, names: list[str] | None) -> Any:
+        import pyarrow as pa
+
+        try:
+            table = self._file.read_row_group(self._groups[at], names, use_threads=False)
+        except (pa.ArrowException, OSError) as error:
+            raise UserError(f"{self._path}: cannot be read as Parquet: {error}") from None
+        return table if names is None else dict(zip(names, table.select(names).columns, strict=True))
+
+    def _span(self, at: int) -> tuple[int, int]:
+        """Return the first and the last time in the group number *at*."""
+        known = self._file.metadata.row_group(self._groups[at]).column(0).statistics
+        if known is not None and known.has_min_max:
+            return known.min, known.max
+        times = self._group(at).column(0).to_numpy()
+        return int(times.min()), int(times.max())
+
+
+def _plain(column: Any) -> Any:
+    """Return a *column* of numbers as an array, one of text as codes and the words that these stand for."""
+    import pyarrow as pa
+
+    if pa.types.is_string(column.type):
+        column = column.dictionary_encode()
+    if not pa.types.is_dictionary(column.type):
+        return column.to_numpy()
+    whole = column.unify_dictionaries().combine_chunks()
+    if isinstance(whole, pa.ChunkedArray):  # as long as it is none
+        whole = whole.chunk(0) if whole.num_chunks else pa.array([], type=column.type)
+    return whole.indices.to_numpy(zero_copy_only=False), whole.dictionary.to_pylist()
+
+
+def write_parquet(table: Any, path: Path, group_rows: int | None = None) -> None:
+    """Write *table* to *path* whole: nobody ever reads half a file. Its rows are stored in groups of *group_rows*."""
     import pyarrow.parquet as pq
 
     with drafted(path) as draft:
-        pq.write_table(table, draft)
+        pq.write_table(table, draft, row_group_size=group_rows)
 
 
 @contextmanager

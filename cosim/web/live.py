@@ -17,15 +17,16 @@ from cosim.errors import UserError
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
-from cosim.trace import FRAMES, POSES, Table, Trace
+from cosim.trace import FRAMES, INTERVALS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
 from cosim.units import S, Time, to_seconds
 from cosim.web.history import DOWN, MOST_FRAMES, TRAIL_TICKS, UP, Cursor, History, Moment, places
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
 from cosim.web.rows import Rolling, Row
 from cosim.web.scenes import scene_of
+from cosim.web.timeline import Grown, Timeline
 
-_WATCHED: Final = (POSES, FRAMES)
+_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES)
 """Tables that a page shows besides the events."""
 _WISHES: Final = 64
 """Maximum number of wishes that wait."""
@@ -58,10 +59,14 @@ class Tap(Trace):
         self._frames: deque[Row] = deque(maxlen=MOST_FRAMES)
         self._events: list[Row] = []
         self._number = 0
+        self._rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in self.tables if name != POSES.name}
         self._fields = tuple(field.name for field in self.tables["events"].fields[3:])
 
     def row(self, table: Table, *values: Any) -> None:
         """Add a row; *values* in the order of the table's fields."""
+        rows = self._rows.get(table.name)
+        if rows is not None:
+            rows.append(values)
         if table.name == "events":
             super().row(table, *values)
             self._events.append(self._event(values))
@@ -73,8 +78,6 @@ class Tap(Trace):
             if not self._ticks or self._ticks[-1][0] != time:
                 self._ticks.append((time, []))
             self._ticks[-1][1].extend(pose)
-        else:
-            super().row(table, *values)
 
     def fetched(self) -> tuple[list[Row], list[Row], list[Row]]:
         """Drain the rows since the last call: ticks, frames (the latest), events."""
@@ -83,6 +86,11 @@ class Tap(Trace):
         self._ticks, self._events = [], []
         self._frames.clear()
         return ticks, frames, events
+
+    def grown(self) -> dict[str, list[tuple[Any, ...]]]:
+        """Drain the rows since the last call of all tables but that of poses, by the table's name."""
+        rows, self._rows = self._rows, {name: [] for name in self._rows}
+        return rows
 
     def _event(self, values: tuple[Any, ...]) -> Row:
         time, source, name, *rest = values
@@ -148,6 +156,7 @@ class Live:
         self._frames, self._ticks = Rolling(_ROWS), Rolling(TRAIL_TICKS)
         self._history = History(self._ticks, self._frames, self._events, self._marks)
         self._answers = Rolling(_ANSWERS)
+        self._timeline = Grown(self._simulation.trace.tables.values())
         self._ending: Plain | None = None
         self._failure = ""
         self._simulation.begin()
@@ -160,6 +169,11 @@ class Live:
     def scene(self) -> Plain:
         """What does not change."""
         return self._scene
+
+    @property
+    def timeline(self) -> Timeline:
+        """The boxes of the run so far."""
+        return self._timeline
 
     @property
     def running(self) -> bool:
@@ -300,6 +314,8 @@ class Live:
             for at, robot, payload in said
         ]
         moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
+        now = self._simulation.kernel.now
+        self._timeline.take(trace.grown(), self._simulation.channel.under_way(now), now)
         with self._lock:
             for row in ticks:
                 self._ticks.append(row)

@@ -22,6 +22,7 @@ from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from cosim.errors import UserError
 from cosim.settings import Settings
 from cosim.web.pacing import FASTEST, SLOWEST
+from cosim.web.timeline import Question
 
 LONGEST = 1 << 20
 """Maximum length of a message that a server reads, B."""
@@ -74,13 +75,13 @@ class Operate(Settings):
 Wish: TypeAlias = Play | Pause | Step | Speed | Seek | Operate
 """What a page may ask for."""
 
-_WISHES: TypeAdapter[Wish] = TypeAdapter(Annotated[Wish, Field(discriminator="say")])
+_ASKED: TypeAdapter[Wish | Question] = TypeAdapter(Annotated[Wish | Question, Field(discriminator="say")])
 
 
-def parsed(text: str | bytes) -> Wish:
+def parsed(text: str | bytes) -> Wish | Question:
     """Return what a page asks for in *text*; raise UserError, one line, if that is no message."""
     try:
-        return _WISHES.validate_json(text)
+        return _ASKED.validate_json(text)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
         place = ".".join(str(part) for part in first["loc"])

@@ -10,13 +10,15 @@ import numpy as np
 
 from cosim.documents import is_file
 from cosim.errors import UserError
-from cosim.trace import StoredTable
+from cosim.timeline.index import Told, opened
+from cosim.trace import StoredTable, TableFile
 from cosim.units import Time, from_seconds, to_seconds
 from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
-from cosim.web.rows import Row, Stored
+from cosim.web.rows import Filed, Row, Rows, Stored
 from cosim.web.scenes import read_scene
+from cosim.web.timeline import Kept, Timeline
 
 _MARGIN_M = 1.0
 
@@ -24,12 +26,22 @@ _MARGIN_M = 1.0
 class Recorded:
     """A session that plays the trace in a folder."""
 
-    def __init__(self, folder: Path, wall: Callable[[], float] = time.monotonic, playing: bool = True) -> None:
-        """Read the tables; raise UserError if there are none, or if they lack the robots' places."""
+    def __init__(
+        self,
+        folder: Path,
+        wall: Callable[[], float] = time.monotonic,
+        playing: bool = True,
+        told: Told = lambda done, total: None,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        """Read the tables; raise UserError if there are none, or if they lack the robots' places.
+
+        *told* shows the progress of what may take long, *say* is told in a line what the user should know.
+        """
         poses = StoredTable(_existing(folder, "poses"))
         self._times, self._poses = _by_tick(poses)
         events = StoredTable(folder / "events.parquet") if (folder / "events.parquet").is_file() else None
-        frames = StoredTable(folder / "frames.parquet") if (folder / "frames.parquet").is_file() else None
+        frames = TableFile(folder / "frames.parquet") if (folder / "frames.parquet").is_file() else None
         marks = _marked(events)
         self._downs = _downs(events)
         self._history = History(
@@ -38,10 +50,12 @@ class Recorded:
             events=_events(events, None),
             marks=_events(events, marks),
         )
-        tables = [table for table in (poses, events, frames) if table is not None and len(table)]
-        self._end: Time = max(int(table.column("time_ns")[-1]) for table in tables)
+        ends = [int(table.column("time_ns")[-1]) for table in (poses, events) if table is not None and len(table)]
+        self._end: Time = max(*ends, 0 if frames is None else frames.last)
         self._scene = _scene(folder, self._poses, self._end) | {"live": False}
         self._tick = from_seconds(self._scene["tick_s"])
+        index = opened(folder, told, say)
+        self._timeline = Kept(index, folder)
         self._wall = wall
         self._pace = Pace(playing=playing, wall_s=wall())
         self._jumps = 0
@@ -84,6 +98,11 @@ class Recorded:
         moment = Moment(now, state, self._pace.speed, self._robots(now), self._jumps)
         message, new = self._history.now(moment, cursor)
         return [] if message is None else [message], new
+
+    @property
+    def timeline(self) -> Timeline:
+        """The boxes of the run."""
+        return self._timeline
 
     def close(self) -> None:
         """Do nothing, since nothing runs."""
@@ -136,7 +155,7 @@ def _by_tick(poses: StoredTable) -> tuple[np.ndarray[Any, np.dtype[np.int64]], n
     return times[::size], np.stack(columns, axis=1).reshape(-1, size, 3)
 
 
-def _frames(table: StoredTable | None) -> Stored:
+def _frames(table: TableFile | None) -> Rows:
     if table is None:
         return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
     names = ("source", "destination", "kind", "outcome", "length")
@@ -145,7 +164,7 @@ def _frames(table: StoredTable | None) -> Stored:
         rows = table.rows(first, end)[::step]
         return [[to_seconds(row["time_ns"]), *(row[name] for name in names)] for row in rows]
 
-    return Stored(table.column("time_ns"), read)
+    return Filed(table, read)
 
 
 def _marked(table: StoredTable | None) -> np.ndarray[Any, np.dtype[np.int64]]:

@@ -7,6 +7,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from cosim.trace import TableFile
 from cosim.units import Time
 
 Row: TypeAlias = list[Any]
@@ -47,6 +48,28 @@ class Stored:
     def between(self, first: int, end: int, step: int = 1) -> list[Row]:
         """Return the rows from number *first* to before *end*, each *step*-th of them."""
         return self._read(max(0, first), min(end, len(self._times)), step)
+
+
+class Filed:
+    """Rows of a recorded run that are too many for the memory."""
+
+    def __init__(self, table: TableFile, read: Callable[[int, int, int], list[Row]]) -> None:
+        """Take the *table*, and *read*, (first, end, step) -> the rows with these numbers."""
+        self._table = table
+        self._read = read
+
+    @property
+    def first(self) -> int:
+        """Number of the oldest row that is kept."""
+        return 0
+
+    def until(self, time: Time) -> int:
+        """Return the number of rows up to *time*."""
+        return self._table.until(time)
+
+    def between(self, first: int, end: int, step: int = 1) -> list[Row]:
+        """Return the rows from number *first* to before *end*, each *step*-th of them."""
+        return self._read(max(0, first), min(end, len(self._table)), step)
 
 
 class Rolling:

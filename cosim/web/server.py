@@ -27,6 +27,7 @@ from cosim.errors import UserError
 from cosim.web.guard import HOST, Guard
 from cosim.web.history import Cursor
 from cosim.web.messages import LONGEST, Plain, Wish, error, parsed, written
+from cosim.web.timeline import Known, Question, Timeline
 
 STATIC: Final = Path(__file__).parent / "static"
 """Folder of the modules that all pages share, and of the page ``VIEW``; served at ``/static/``."""
@@ -40,6 +41,8 @@ _PERIOD_S: Final = 0.04
 """Interval between two messages to a page: what a screen can show."""
 _ERRORS: Final = 16
 """Maximum number of error messages that wait for a page."""
+_QUESTIONS: Final = 32
+"""Maximum number of questions about the timeline of a page that wait."""
 _TRY_AGAIN: Final = 1013
 """Code of a WebSocket that is closed since the server is busy (RFC 6455, as registered with IANA)."""
 
@@ -56,6 +59,10 @@ class Session(Protocol):
 
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
         """Return the messages for a page that has been sent all up to *cursor* (None: nothing), and the new cursor."""
+
+    @property
+    def timeline(self) -> Timeline:
+        """Its boxes, on the axis of time."""
 
     def close(self) -> None:
         """End it, and wait until nothing of it runs any more; more than once is harmless."""
@@ -105,8 +112,8 @@ class Server:
             await page.close(_TRY_AGAIN, "too many pages are open")
             return
         self.open += 1
-        faults: deque[Plain] = deque(maxlen=_ERRORS)
-        tasks = {asyncio.create_task(self._send(page, faults)), asyncio.create_task(self._receive(page, faults))}
+        waiting = Waiting()
+        tasks = {asyncio.create_task(self._send(page, waiting)), asyncio.create_task(self._receive(page, waiting))}
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -118,23 +125,41 @@ class Server:
             if isinstance(fault, Exception) and not isinstance(fault, WebSocketDisconnect | RuntimeError | OSError):
                 raise fault
 
-    async def _send(self, page: WebSocket, faults: deque[Plain]) -> None:
+    async def _send(self, page: WebSocket, waiting: "Waiting") -> None:
         """Send the scene, then what is new, as often as a screen can show it and the page can take it."""
         await self._deliver(page, {"say": "scene"} | self.session.scene | {"page": next(self._numbers)})
         cursor: Cursor | None = None
+        known: Known | None = None
         while True:
-            messages = [faults.popleft() for _ in range(len(faults))]
+            faults = [waiting.faults.popleft() for _ in range(len(waiting.faults))]
+            lanes, known = self.session.timeline.told(known)
             told, cursor = self.session.look(cursor)
-            for message in (*messages, *told):
+            for message in (*faults, *([] if lanes is None else [lanes]), *told):
                 await self._deliver(page, message)
-            await asyncio.sleep(_PERIOD_S)
+            await self._answer(page, waiting)
 
-    async def _deliver(self, page: WebSocket, message: Plain) -> None:
+    async def _answer(self, page: WebSocket, waiting: "Waiting") -> None:
+        """Answer questions about the timeline as they come, for as long as a screen shows a picture."""
+        ends_s = asyncio.get_running_loop().time() + _PERIOD_S
+        while (left_s := ends_s - asyncio.get_running_loop().time()) > 0:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(waiting.asked.wait(), left_s)
+            if waiting.questions:
+                question = waiting.questions.popleft()
+                try:
+                    answer = self.session.timeline.answer(question)
+                except UserError as fault:
+                    answer = error(str(fault))
+                await self._deliver(page, answer)
+            if not waiting.questions:
+                waiting.asked.clear()
+
+    async def _deliver(self, page: WebSocket, message: Plain | bytes) -> None:
         """Send *message*, after what the page has still to read; raise TimeoutError if it reads nothing for long."""
         async with asyncio.timeout(self._patience_s):
-            await page.send_text(written(message))
+            await (page.send_bytes(message) if isinstance(message, bytes) else page.send_text(written(message)))
 
-    async def _receive(self, page: WebSocket, faults: deque[Plain]) -> None:
+    async def _receive(self, page: WebSocket, waiting: "Waiting") -> None:
         """Do what the page asks for; answer what is malformed, or cannot be done, by an error."""
         while True:
             message = await page.receive()
@@ -143,10 +168,30 @@ class Server:
             given = message.get("text")
             wish = None
             try:
-                wish = parsed(message.get("bytes") or b"" if given is None else given)
-                self.session.wish(wish)
+                asked = parsed(message.get("bytes") or b"" if given is None else given)
+                if isinstance(asked, Question):
+                    waiting.ask(asked)
+                else:
+                    wish = asked
+                    self.session.wish(wish)
             except UserError as fault:
-                faults.append(error(str(fault), wish))
+                waiting.faults.append(error(str(fault), wish))
+
+
+class Waiting:
+    """What waits to be sent to a page, or to be answered."""
+
+    def __init__(self) -> None:
+        self.faults: deque[Plain] = deque(maxlen=_ERRORS)
+        self.questions: deque[Question] = deque()
+        self.asked = asyncio.Event()
+
+    def ask(self, question: Question) -> None:
+        """Have *question* answered; raise UserError if too many wait."""
+        if len(self.questions) >= _QUESTIONS:
+            raise UserError("too many questions wait: ask when the last ones have been answered")
+        self.questions.append(question)
+        self.asked.set()
 
 
 def listening(port: int) -> socket.socket:

@@ -201,7 +201,7 @@ def test_a_trace_without_a_scene_shows_what_the_poses_tell(folder: Path, tmp_pat
     ],
 )
 def test_a_broken_trace_is_told_in_one_line(folder: Path, tmp_path: Path, broken: dict[str, Any], expected: str):
-    for path in folder.iterdir():
+    for path in filter(Path.is_file, folder.iterdir()):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     for name, content in broken.items():
         (tmp_path / name).unlink()

@@ -24,6 +24,7 @@ from cosim.web.messages import Plain, Wish
 from cosim.web.server import MOST_PAGES, STATIC, listening
 from protocols.deployment.operator.page import PAGE as PLAYBOOK
 from tests.web.console import PLAIN
+from cosim.web.timeline import NO_TIMELINE, Timeline
 from tests.web.served import Served, next_of, until_closed
 
 PATIENT = PLAIN | {"duration_s": 1000, "protocol": {"use": "tests.web.console:SPEC", "parameters": {"patient": True}}}
@@ -195,6 +196,7 @@ class Loud:
     """A session that has half a megabyte to say whenever it is asked, and says when it was."""
 
     scene: ClassVar[Plain] = {}
+    timeline: ClassVar[Timeline] = NO_TIMELINE
 
     def __init__(self) -> None:
         self.looked = 0

@@ -6,6 +6,7 @@ from typing import Any
 
 from cosim.web.history import Cursor
 from cosim.web.messages import Operate, Plain, Wish
+from cosim.web.timeline import NO_TIMELINE, Timeline
 
 Answering = Callable[[int, Plain], list[Plain]]
 """From the robot that is addressed, and what it is told, to what it says."""
@@ -152,6 +153,8 @@ class Consoles:
 
 class Still:
     """A session of three robots that do not move; time is what a test says it is."""
+
+    timeline: Timeline = NO_TIMELINE
 
     def __init__(self, answering: Answering) -> None:
         self.answering = answering

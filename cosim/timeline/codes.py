@@ -1,0 +1,127 @@
+"""The kinds and outcomes of boxes, by small numbers: what pages, exports and pictures call them."""
+
+from typing import Any, Final, NamedTuple
+
+from cosim.intervals import STATES
+
+FRAME: Final = "frame"
+STATE: Final = "state"
+MESSAGE: Final = "message"
+EVENT: Final = "event"
+NO_KIND: Final = 0xFFFF
+"""The code of a cell in which there is nothing."""
+PACKETS: Final[dict[str, str]] = {
+    "ID": "access code alone: an inquiry, a page, or the answer to one",
+    "FHS": "a device's address and clock",
+    "POLL": "the master has nothing to say, and wants an answer",
+    "NULL": "nothing to say but whether the last packet came",
+    "DM1": "data with forward error correction, 1 slot",
+    "DM3": "data with forward error correction, 3 slots",
+    "DM5": "data with forward error correction, 5 slots",
+    "DH1": "data, 1 slot",
+    "DH3": "data, 3 slots",
+    "DH5": "data, 5 slots",
+    "AUX1": "data without a check sum, 1 slot",
+    "HV1": "voice, a third of it data",
+    "HV2": "voice, two thirds of it data",
+    "HV3": "voice",
+    "DV": "voice and data",
+    "DATA": "802.11: a payload",
+    "RTS": "802.11: request to send",
+    "CTS": "802.11: clear to send",
+    "ACK": "802.11: the last frame has come",
+    "IDEAL": "a payload of the ideal channel",
+    "OPTICAL": "a payload of the optical channel",
+}
+"""Packet types, with their meanings."""
+_GROUPS: Final = {
+    FRAME: PACKETS,
+    STATE: STATES,
+    MESSAGE: {MESSAGE: "a payload has arrived at a machine"},
+    EVENT: dict[str, str](),
+}
+RECEIVED: Final = "received"
+CUT: Final = "cut"
+"""The outcome of a transmission whose sender fell silent before its end."""
+
+
+class Codes:
+    """Names by number, in the order in which they were first met."""
+
+    def __init__(self, kinds: list[list[str]] | None = None, outcomes: list[str] | None = None) -> None:
+        self._kinds: dict[tuple[str, str], int] = {}
+        self._outcomes: dict[str, int] = {}
+        for group, name in kinds or ():
+            self.kind(group, name)
+        for name in outcomes or [""]:
+            self.outcome(name)
+
+    def kind(self, group: str, name: str) -> int:
+        """Return the code of the kind *name* of *group*."""
+        return self._kinds.setdefault((group, name), min(len(self._kinds), NO_KIND - 1))
+
+    def outcome(self, name: str) -> int:
+        """Return the code of the outcome *name*."""
+        return self._outcomes.setdefault(name, min(len(self._outcomes), 0xFF))
+
+    @property
+    def kinds(self) -> list[tuple[str, str]]:
+        """Groups and names, by code."""
+        return list(self._kinds)
+
+    @property
+    def outcomes(self) -> list[str]:
+        """Names, by code."""
+        return list(self._outcomes)
+
+    @property
+    def lost(self) -> list[bool]:
+        """Whether a frame of that outcome is lost, by code."""
+        return [is_lost(name) for name in self._outcomes]
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """Both tables as plain data."""
+        kinds = [
+            {"code": code, "name": name, "group": group, "meaning": _GROUPS[group].get(name, "")}
+            for code, (group, name) in enumerate(self._kinds)
+        ]
+        outcomes = [{"code": code, "name": name, "lost": is_lost(name)} for code, name in enumerate(self._outcomes)]
+        return {"kinds": kinds, "outcomes": outcomes}
+
+
+def is_lost(outcome: str) -> bool:
+    """Return whether a frame with that *outcome* did not do what it was sent for."""
+    return outcome not in ("", RECEIVED)
+
+
+class Named(NamedTuple):
+    """Of what a lane is, and where it stands."""
+
+    robot: int
+    """-1 for a jammer."""
+    radio: int
+    """-1 for the robot itself."""
+    what: str
+    """states, sent, received, broadcasts, messages or events"""
+    row: int = 0
+    """Which of several of one kind, whose boxes would overlap in one."""
+    several: bool = False
+    """Whether robots have several radios."""
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        who = "jammer" if self.robot < 0 else f"robot {self.robot}"
+        radio = f", radio {self.radio}" if self.several and self.radio >= 0 else ""
+        what = "host" if self.radio < 0 and self.what == "states" else self.what
+        return f"{who}{radio}: {what}" + (f" {self.row + 1}" if self.row else "")
+
+    @property
+    def place(self) -> tuple[bool, int, int, int, int]:
+        """Its place from top to bottom: robots in order, hosts first, jammers last."""
+        return self.robot < 0, self.robot, self.radio, ORDER.index(self.what), self.row
+
+
+ORDER: Final = ("states", "sent", "received", "broadcasts", "messages", "events")
+"""What lanes there are, from top to bottom."""

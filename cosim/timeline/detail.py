@@ -1,0 +1,82 @@
+"""All about one box: the fields of its row, what became of the frame at everyone, and the bytes that it carries."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Protocol, TypeAlias
+
+from cosim.timeline.lanes import Lane
+from cosim.trace import FRAMES, MESSAGES, RECEPTIONS, TRANSMISSIONS
+from cosim.units import Time
+
+Row: TypeAlias = dict[str, Any]
+Decode: TypeAlias = Callable[[bytes], Any]
+"""(payload) -> what it says, as plain data or text; it may raise anything for bytes that are no message."""
+MOST_RECEPTIONS: Final = 200
+"""Maximum number of receptions that are told of."""
+BYTES_IN: Final = {TRANSMISSIONS.name: "body", MESSAGES.name: "payload"}
+"""The columns that hold bytes, by table."""
+
+
+class Tables(Protocol):
+    """Rows of a run by table; those of a table that there is not are none."""
+
+    def row(self, table: str, number: int) -> Row:
+        """Return the row of *table* with that *number*; raise UserError if there is none."""
+
+    def at(self, table: str, time: Time) -> Sequence[Row]:
+        """Return the rows of *table* of that *time*."""
+
+
+def detail(tables: Tables, lane: Lane, number: int, decode: Decode | None = None) -> Row:
+    """Return all about the box of *lane* that the row *number* makes, as plain data.
+
+    Raise UserError if there is no such row.
+    """
+    table, row = lane.table, tables.row(lane.table, number)
+    about: Row = {"table": table, "fields": row, "transmission": None, "receptions": [], "bytes": "", "decoded": None}
+    sent: Row | None = None
+    if table in (TRANSMISSIONS.name, FRAMES.name):
+        rows = tables.at(TRANSMISSIONS.name, row["time_ns"])
+        sent = row if table == TRANSMISSIONS.name else next((each for each in rows if _same(each, row)), None)
+        about["transmission"] = sent
+        about["receptions"] = _receptions(tables, row)[:MOST_RECEPTIONS]
+    carried = row.get(BYTES_IN.get(table, ""), "") if sent is None else sent[BYTES_IN[TRANSMISSIONS.name]]
+    about["bytes"] = carried or ""
+    about["decoded"] = _decoded(decode, about["bytes"])
+    return about
+
+
+def _same(one: Row, other: Row) -> bool:
+    """Return whether two rows are about one transmission."""
+    names = ("time_ns", "source", "kind", "radio")
+    return all(one[name] == other[name] for name in names if name in one and name in other)
+
+
+def _receptions(tables: Tables, row: Row) -> list[Row]:
+    """Return what became of the transmission of *row* at whom; by its frames, if there are no rows of receptions."""
+    heard = [each for each in tables.at(RECEPTIONS.name, row["time_ns"]) if _same(each, row)]
+    if heard:
+        return heard
+    frames = [each for each in tables.at(FRAMES.name, row["time_ns"]) if _same(each, row)]
+    none = {"power_dbm": None, "sinr_db": None}
+    return [
+        {"receiver": each["destination"]} | none | {"outcome": each["outcome"], "part": each["part"]}
+        for each in frames
+    ]  # fmt: skip
+
+
+def _decoded(decode: Decode | None, carried: str) -> Any:
+    """Return what the bytes say; None if nobody knows."""
+    if decode is None or not carried:
+        return None
+    try:
+        said = decode(bytes.fromhex(carried))
+        json.dumps(said)
+    except Exception:  # noqa: BLE001  # a protocol of others, and bytes that may be another's
+        return None
+    return said
+
+
+def plain(row: Mapping[str, Any]) -> Row:
+    """Return *row* with times as text of decimal digits: JSON's numbers lose the last ones in many readers."""
+    return {name: str(value) if name.endswith("_ns") and value is not None else value for name, value in row.items()}

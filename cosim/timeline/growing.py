@@ -1,0 +1,219 @@
+"""The lanes of a run that is under way: rows are added as they come, and the oldest are forgotten if there are many.
+
+Rows come late: a frame's when it ends, an interval's when it is over, or when a model that has run ahead tells of it.
+Each is put where it belongs by its start. What is under way has boxes too, which end at the present.
+"""
+
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from cosim.errors import UserError
+from cosim.intervals import Interval
+from cosim.timeline.codes import STATE, Codes
+from cosim.timeline.detail import Row
+from cosim.timeline.gathering import TABLE_OF, lost_codes
+from cosim.timeline.lanes import DTYPES, Boxes, Lane, no_boxes
+from cosim.timeline.levels import levels_of
+from cosim.timeline.rows import RADIO, SOURCES, Maker, columns_of, distinct, lane_name
+from cosim.trace import FRAMES, INTERVALS, Field, Table
+from cosim.units import Time
+
+MOST_ROWS: Final = 2_000_000
+"""Rows of all tables that are kept: beyond, a quarter of them is forgotten, the oldest ones."""
+_UNSUMMED: Final = 1 << 14
+"""Boxes of a lane, and beyond them an eighth of all, that may be in no level."""
+_OPEN: Final = (1 << 32) - (1 << 16)
+"""The numbers of rows of intervals that are under way begin here."""
+
+Rows = Sequence[tuple[Any, ...]]
+
+
+class Columns:
+    """The latest rows of a table, numbered from the first one that ever was."""
+
+    def __init__(self, table: Table) -> None:
+        self.names = tuple(each.name for each in table.fields)
+        self.first = 0
+        """Number of the oldest row that is kept."""
+        self._columns = [_column(each) for each in table.fields]
+
+    def __len__(self) -> int:
+        return len(self._columns[0])
+
+    def extend(self, rows: Rows) -> None:
+        """Add *rows*."""
+        for column, values in zip(self._columns, zip(*rows, strict=True), strict=True):
+            column.extend(values)
+
+    def forget(self, count: int) -> None:
+        """Forget the oldest *count* rows."""
+        for column in self._columns:
+            del column[:count]
+        self.first += count
+
+    def row(self, number: int) -> Row | None:
+        """Return the row of that *number*; None if there is none, or not any more."""
+        at = number - self.first
+        if not 0 <= at < len(self):
+            return None
+        return dict(zip(self.names, (column[at] for column in self._columns), strict=True))
+
+    def at(self, time: Time) -> list[Row]:
+        """Return the rows of that *time*."""
+        found = np.flatnonzero(np.frombuffer(self._columns[0], dtype=np.int64) == time).tolist() if len(self) else []
+        return [row for number in found if (row := self.row(self.first + number)) is not None]
+
+
+def _column(about: Field) -> Any:
+    codes = {"int": "q", "float": "d"}
+    return array(codes[about.kind]) if about.kind in codes and not about.optional else []
+
+
+@dataclass
+class GrowingLane(Lane):
+    """A lane to which boxes are added."""
+
+    disjoint: bool = True
+    _room: Boxes = field(default_factory=no_boxes)
+
+    def add(self, new: Boxes) -> None:
+        """Put boxes where they belong; they are given by row, and have greater numbers than those that are there."""
+        count = len(self.boxes.starts)
+        least = int(new.starts.min())
+        cut = count
+        if count and least <= int(self.boxes.starts[-1]):
+            cut = int(np.searchsorted(self.boxes.starts, least, side="left"))
+        late = Boxes(*(np.concatenate(pair) for pair in zip(self.boxes.taken(slice(cut, count)), new, strict=True)))
+        late = late.taken(np.argsort(late.starts, kind="stable"))
+        if self.named.what == "sent" and self.table == FRAMES.name:
+            late = distinct(late)
+        if self.levels is not None and cut < self.levels.summed:
+            self.levels = None
+        self._replace_from(cut, late)
+        self.longest = max(self.longest, int((new.ends - new.starts).max()))
+        before = max(0, cut - 1)
+        self.disjoint &= bool((self.boxes.starts[before + 1 :] >= self.boxes.ends[before:-1]).all())
+
+    def _replace_from(self, cut: int, late: Boxes) -> None:
+        count = cut + len(late.starts)
+        if count > len(self._room.starts):
+            size = max(64, 2 * count)
+            room = Boxes(*(np.zeros(size, dtype=dtype) for dtype in DTYPES))
+            for column, old in zip(room, self.boxes, strict=True):
+                column[:cut] = old[:cut]
+            self._room = room
+        for column, values in zip(self._room, late, strict=True):
+            column[cut:count] = values
+        self.boxes = self._room.taken(slice(0, count))
+
+    def forget(self, first: int) -> None:
+        """Forget the boxes of rows before number *first*."""
+        kept = self.boxes.taken(self.boxes.rows >= first)
+        self._room, self.boxes, self.levels = no_boxes(), no_boxes(), None
+        self._replace_from(0, kept)
+
+    def sum_up(self, codes: Codes) -> None:
+        """Make levels anew if there are many boxes that are in none."""
+        count = len(self.boxes.starts)
+        summed = 0 if self.levels is None else self.levels.summed
+        if count - summed > _UNSUMMED + count // 8:
+            self.levels = levels_of(self.boxes.taken(slice(0, count - count // 32)), lost_codes(codes))
+
+
+class Growing:
+    """The lanes of a run that is under way, and the latest rows of its tables."""
+
+    def __init__(self, tables: Iterable[Table], most: int = MOST_ROWS) -> None:
+        self.lanes: list[GrowingLane] = []
+        self.codes = Codes()
+        self.now: Time = 0
+        self.forgotten = 0
+        """Number of rows that are not kept any more."""
+        self._tables = {table.name: Columns(table) for table in tables}
+        self._most = most
+        self._maker = Maker(self.codes)
+        self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
+        self._open: list[Interval] = []
+
+    def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time) -> None:
+        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*."""
+        self.now = now
+        for name in (*SOURCES, *(name for name in new if name not in SOURCES)):
+            if new.get(name) and name in self._tables:
+                self._add(name, new[name])
+        self._show(under_way)
+        if sum(map(len, self._tables.values())) > self._most:
+            self._forget()
+
+    def row(self, table: str, number: int) -> Row:
+        """Return the row of *table* with that *number*; raise UserError if it is not kept."""
+        if table == INTERVALS.name and 0 <= number - _OPEN < len(self._open):
+            return dict(zip((each.name for each in INTERVALS.fields), self._open[number - _OPEN], strict=True))
+        row = self._tables[table].row(number) if table in self._tables else None
+        if row is None:
+            raise UserError(f"{table}: there is no row {number}, or not any more")
+        return row
+
+    def at(self, table: str, time: Time) -> list[Row]:
+        """Return the rows of *table* of that *time*."""
+        return self._tables[table].at(time) if table in self._tables else []
+
+    def _add(self, name: str, rows: Rows) -> None:
+        table = self._tables[name]
+        first = table.first + len(table)
+        table.extend(rows)
+        if name not in SOURCES:
+            return
+        columns = dict(zip(table.names, zip(*rows, strict=True), strict=True))
+        details = None
+        if name == INTERVALS.name:
+            details = [_identity(Interval(*row)) for row in rows]
+        several = RADIO in table.names and name != INTERVALS.name
+        for made in self._maker.made(name, columns_of(name, columns), first, details):
+            for key, boxes in made.by_lane():
+                lane = self._lane(made.what, key, several)
+                if made.what == "sent" and name != lane.table:  # its transmissions are told after all
+                    lane.table = name
+                    lane.forget(1 << 32)
+                lane.add(boxes)
+                lane.sum_up(self.codes)
+
+    def _lane(self, what: str, key: tuple[int, int, int], several: bool = False) -> GrowingLane:
+        if (what, key) not in self._numbers:
+            self._numbers[what, key] = len(self.lanes)
+            table = FRAMES.name if what == "sent" and key[1] not in self._maker.sending else TABLE_OF[what]
+            self.lanes.append(GrowingLane(lane_name(what, key, several), table, no_boxes()))
+        return self.lanes[self._numbers[what, key]]
+
+    def _show(self, under_way: Sequence[Interval]) -> None:
+        """Have the lanes show the intervals *under_way*."""
+        for lane in self.lanes:
+            lane.under_way = no_boxes()
+        self._open = sorted(under_way)
+        for at, each in enumerate(self._open):
+            key = each.robot, each.radio
+            which = self._maker.stacks.hold(_identity(each), key, each.start)
+            lane = self._lane("states", (*key, which))
+            kind = self.codes.kind(STATE, each.state)
+            box = each.start, max(self.now, each.start), kind, 0, _OPEN + at
+            more = Boxes(*(np.array([value], dtype=dtype) for value, dtype in zip(box, DTYPES, strict=True)))
+            lane.under_way = Boxes(*(np.concatenate(pair) for pair in zip(lane.under_way, more, strict=True)))
+
+    def _forget(self) -> None:
+        """Forget a quarter of the rows of each table, and their boxes."""
+        for table in self._tables.values():
+            count = len(table) // 4
+            table.forget(count)
+            self.forgotten += count
+        for lane in self.lanes:
+            lane.forget(self._tables[lane.table].first)
+            lane.sum_up(self.codes)
+
+
+def _identity(interval: Interval) -> tuple[Any, ...]:
+    """Return what an interval is known by before and after its end; first its robot and radio."""
+    return interval.robot, interval.radio, interval.start, interval.state, interval.detail

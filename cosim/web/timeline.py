@@ -1,0 +1,263 @@
+"""The timeline of a session as pages ask for it: lanes, windows of time, single boxes, what comes next.
+
+A page asks in JSON, times being text of decimal digits, as many readers of JSON have 53 bits only:
+
+    {"say": "window", "number": 7, "lanes": [0, 3], "from_ns": "0", "to_ns": "1000000", "step_ns": "1024"}
+    {"say": "box", "lane": 3, "row": 17}
+    {"say": "find", "kind": 4, "robot": null, "lost": true, "from_ns": "0", "back": false}
+
+A window is answered by one binary message, little-endian: a header u32 1, u32 number, u32 lanes, u32 0, i64 from_ns,
+i64 step_ns (of the cells: both rounded down to a power of two and a multiple of it), and for each lane, in the order of
+the request, u32 lane, u32 form, u32 n, u32 0 and columns of n values, each padded to a multiple of 8 B. Form 0, boxes:
+starts f64 (ns after from_ns), durations f64 (ns), rows u32, kinds u16, outcomes u8. Form 1, cells: kinds u16 (65535:
+nothing there), shares u8, lost u8, counts u32. All else is answered in JSON.
+"""
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from threading import Lock
+from typing import Annotated, Any, Final, Literal, Protocol, TypeAlias
+
+import numpy as np
+from pydantic import Field
+
+from cosim.errors import UserError
+from cosim.intervals import Interval
+from cosim.settings import Settings
+from cosim.timeline.codes import Codes
+from cosim.timeline.detail import Decode, Row, Tables, detail, plain
+from cosim.timeline.gathering import span_of
+from cosim.timeline.growing import Growing, Rows
+from cosim.timeline.index import Files, Index
+from cosim.timeline.lanes import Array, Boxes, Lane
+from cosim.timeline.levels import Cells
+from cosim.timeline.search import Place, Wanted, find
+from cosim.timeline.window import Window, window
+from cosim.trace import Table
+from cosim.units import Time
+
+MOST_LANES: Final = 200
+"""Maximum number of lanes that a page may ask for at once."""
+MOST_CELLS: Final = 8192
+"""Maximum number of cells in a lane that a page may ask for."""
+_LATEST: Final = 1 << 62
+_WINDOW: Final = 1
+_HEADER: Final = struct.Struct("<IIIIqq")
+_BLOCK: Final = struct.Struct("<IIII")
+_BOXES, _CELLS = 0, 1
+
+Nanoseconds: TypeAlias = Annotated[str, Field(pattern=r"^-?[0-9]{1,18}$")]
+Code: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 16)]
+LaneNumber: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 16)]
+RowNumber: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 32)]
+
+
+class AskWindow(Settings):
+    """Ask what is in a window of time."""
+
+    say: Literal["window"]
+    number: int = Field(ge=0, lt=1 << 32)
+    lanes: Annotated[list[LaneNumber], Field(max_length=MOST_LANES)]
+    from_ns: Nanoseconds
+    to_ns: Nanoseconds
+    step_ns: Nanoseconds
+
+
+class AskBox(Settings):
+    """Ask for all about a box."""
+
+    say: Literal["box"]
+    lane: LaneNumber
+    row: RowNumber
+
+
+class AskNext(Settings):
+    """Ask for the next box of a kind, of a robot, or that is lost; ``lane`` and ``row``: the present one, if any."""
+
+    say: Literal["find"]
+    kind: Code | None = None
+    robot: Annotated[int, Field(ge=-1, lt=1 << 31)] | None = None
+    lost: bool = False
+    from_ns: Nanoseconds
+    back: bool = False
+    lane: LaneNumber | None = None
+    row: RowNumber | None = None
+    lanes: Annotated[list[LaneNumber], Field(max_length=MOST_LANES)] | None = None
+
+
+Question: TypeAlias = AskWindow | AskBox | AskNext
+"""What a page may ask a timeline."""
+Known: TypeAlias = tuple[int, ...]
+"""What a page knows of the lanes: their number, and those of kinds and outcomes, and what has been forgotten."""
+
+
+class Timeline(Protocol):
+    """What pages ask for the boxes of a session, from any thread."""
+
+    def told(self, known: Known | None) -> tuple[Row | None, Known]:
+        """Return the message ``lanes`` for a page that knows *known*, None if nothing is new, and what it knows then."""
+
+    def answer(self, question: Question) -> bytes | Row:
+        """Answer a page; raise UserError, one line, for what cannot be asked."""
+
+
+class Answers:
+    """Answers about lanes that do not change meanwhile."""
+
+    def __init__(self, lanes: Sequence[Lane], codes: Codes, tables: Tables, decode: Decode | None = None) -> None:
+        self._lanes = lanes
+        self._codes = codes
+        self._lost: Array = np.array(codes.lost, dtype=bool)
+        self._tables = tables
+        self._decode = decode
+
+    def answer(self, question: Question) -> bytes | Row:
+        """Answer a page; raise UserError, one line, for what cannot be asked."""
+        match question:
+            case AskWindow():
+                return self._window(question)
+            case AskBox(lane=lane, row=row):
+                return self._box(lane, row)
+            case _:
+                return self._next(question)
+
+    def _window(self, asked: AskWindow) -> bytes:
+        start, end, step = int(asked.from_ns), int(asked.to_ns), int(asked.step_ns)
+        if step < 1 or end < start:
+            raise UserError("window: expected from_ns <= to_ns and a step_ns of at least 1")
+        if (end - start) // (1 << (step.bit_length() - 1)) > MOST_CELLS:
+            raise UserError(f"window: step_ns makes more than {MOST_CELLS} cells")
+        lanes = [self._lane(number) for number in asked.lanes]
+        return packed(asked.number, asked.lanes, window(lanes, start, end, step, self._lost))
+
+    def _box(self, number: int, row: int) -> Row:
+        lane = self._lane(number)
+        about = detail(self._tables, lane, row, self._decode)
+        for name in ("fields", "transmission"):
+            about[name] = about[name] and plain(about[name])
+        about["receptions"] = [plain(each) for each in about["receptions"]]
+        return {"say": "box", "lane": number, "row": row, "robot": lane.named.robot, "radio": lane.named.radio} | about
+
+    def _next(self, asked: AskNext) -> Row:
+        wanted = Wanted(asked.kind, asked.robot, asked.lost)
+        present = None if asked.lane is None or asked.row is None else (asked.lane, asked.row)
+        lanes = self._lanes if asked.lanes is None else [
+            lane if number in set(asked.lanes) else Lane(lane.named, lane.table, lane.under_way.taken(slice(0)))
+            for number, lane in enumerate(self._lanes)
+        ]  # fmt: skip
+        found = find(lanes, wanted, int(asked.from_ns), asked.back, self._lost, present)
+        message: Row = {"say": "found", "lane": None, "row": None}
+        return message if found is None else message | self._found(found)
+
+    def _found(self, place: Place) -> Row:
+        lane = self._lanes[place.lane]
+        boxes = lane.within(place.start, place.start + 1)
+        [at] = np.flatnonzero((boxes.starts == place.start) & (boxes.rows == place.row))[:1].tolist()
+        return {
+            "lane": place.lane,
+            "row": place.row,
+            "robot": lane.named.robot,
+            "start_ns": str(place.start),
+            "end_ns": str(boxes.ends[at]),
+            "kind": int(boxes.kinds[at]),
+            "outcome": int(boxes.outcomes[at]),
+        }
+
+    def _lane(self, number: int) -> Lane:
+        if number >= len(self._lanes):
+            raise UserError(f"there is no lane {number}: expected 0 to {len(self._lanes) - 1}")
+        return self._lanes[number]
+
+
+class Kept:
+    """The timeline of a recorded run."""
+
+    def __init__(self, index: Index, folder: Path, decode: Decode | None = None) -> None:
+        self._answers = Answers(index.lanes, index.codes, Files(folder), decode)
+        self._message = lanes_message(index.lanes, index.codes, *span_of(index.lanes))
+        self._lock = Lock()
+
+    def told(self, known: Known | None) -> tuple[Row | None, Known]:
+        """Return the message ``lanes`` for a page that has not been sent it."""
+        return (self._message, ()) if known is None else (None, known)
+
+    def answer(self, question: Question) -> bytes | Row:
+        """Answer a page; raise UserError, one line, for what cannot be asked."""
+        with self._lock:  # files of tables are no thing for two threads
+            return self._answers.answer(question)
+
+
+class Grown:
+    """The timeline of a run that is under way: one thread adds to it, others ask."""
+
+    def __init__(self, tables: Iterable[Table], decode: Decode | None = None) -> None:
+        self._growing = Growing(tables)
+        self._decode = decode
+        self._lock = Lock()
+
+    def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time) -> None:
+        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*."""
+        with self._lock:
+            self._growing.take(new, under_way, now)
+
+    def told(self, known: Known | None) -> tuple[Row | None, Known]:
+        """Return the message ``lanes`` if there are others than a page knows."""
+        with self._lock:
+            growing = self._growing
+            lanes, codes = growing.lanes, growing.codes
+            news = len(lanes), len(codes.kinds), len(codes.outcomes), growing.forgotten
+            if news == known:
+                return None, known
+            first = span_of(lanes)[0] if growing.forgotten else 0
+            return lanes_message(lanes, codes, first, growing.now, growing.forgotten), news
+
+    def answer(self, question: Question) -> bytes | Row:
+        """Answer a page; raise UserError, one line, for what cannot be asked."""
+        with self._lock:
+            growing = self._growing
+            return Answers(growing.lanes, growing.codes, growing, self._decode).answer(question)
+
+
+def lanes_message(lanes: Sequence[Lane], codes: Codes, first: Time, last: Time, forgotten: int = 0) -> Row:
+    """Return the message ``lanes``: what lanes, kinds and outcomes there are, lanes from top to bottom."""
+    numbers = sorted(range(len(lanes)), key=lambda number: lanes[number].named.place)
+    told = [
+        {
+            "lane": number,
+            "robot": named.robot,
+            "radio": named.radio,
+            "what": named.what,
+            "stacked": named.row,
+            "name": named.name,
+        }
+        for number in numbers
+        for named in (lanes[number].named,)
+    ]
+    span = {"first_ns": str(first), "last_ns": str(last), "forgotten": forgotten}
+    return {"say": "lanes", "lanes": told} | codes.plain | span
+
+
+def packed(number: int, lanes: Sequence[int], answer: Window) -> bytes:
+    """Return the binary message of *answer* to the request *number* about *lanes*."""
+    parts = [_HEADER.pack(_WINDOW, number, len(lanes), 0, answer.start, answer.step)]
+    for lane, part in zip(lanes, answer.parts, strict=True):
+        if isinstance(part, Boxes):
+            columns = [
+                (part.starts - answer.start).astype("<f8"),
+                (part.ends - part.starts).astype("<f8"),
+                part.rows.astype("<u4"),
+                part.kinds.astype("<u2"),
+                part.outcomes.astype("u1"),
+            ]
+        else:
+            columns = [part.codes.astype("<u2"), part.shares, part.lost, part.counts.astype("<u4")]
+        parts.append(_BLOCK.pack(lane, _CELLS if isinstance(part, Cells) else _BOXES, len(columns[0]), 0))
+        for column in columns:
+            data = column.tobytes()
+            parts += (data, bytes(-len(data) % 8))
+    return b"".join(parts)
+
+
+NO_TIMELINE: Final = Kept(Index([], Codes()), Path())
+"""The timeline of a session that has none."""
