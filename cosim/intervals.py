@@ -17,7 +17,21 @@ JAMMER: Final[Address] = -1
 """The robot of an interval that is about a jammer."""
 
 STATES: Final[dict[str, str]] = {
+    "hold": "Bluetooth: a link is on hold; slave= at its master, master= at its slave",
+    "inquiry": "Bluetooth: sends the IDs of one train of an inquiry, and listens in between; train= is A or B, and "
+    "word=, phase_ns=, ppm= and estimate= are what their instants and channels follow from",
+    "inquiry_backoff": "Bluetooth: listens to no inquiry for a random time, between an ID and an answer or after that",
+    "inquiry_response": "Bluetooth: has heard the ID of an inquiry, and answers, or waits for another to answer",
+    "inquiry_scan": "Bluetooth: listens to inquiries, a window a row; window= is 1 or 2 if it is interlaced",
+    "master": "Bluetooth: has a link to slave=, whose logical transport address is lt_addr=",
     "off": "the radio is switched off",
+    "page": "Bluetooth: sends the IDs of one train of a page to peer=, and listens in between; the rest as of inquiry",
+    "page_response": "Bluetooth: has been answered by peer= (role=master), or heard its page (role=slave), and makes a "
+    "link to it",
+    "page_scan": "Bluetooth: listens to pages, a window a row; window= is 1 or 2 if it is interlaced",
+    "park": "Bluetooth: a slave is parked; slave= at its master, master= at its slave",
+    "slave": "Bluetooth: has a link to its master=, as lt_addr=",
+    "sniff": "Bluetooth: a link is in sniff mode, active for attempt_slots= in every interval_slots=; slave= or master=",
 }
 """All states, with their meanings."""
 

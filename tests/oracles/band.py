@@ -8,21 +8,26 @@ right. It takes from cosim the hop functions, the probabilities of errors and Ph
 from collections.abc import Callable
 from functools import partial
 
+from tests.oracles.band_diary import Diary
 from tests.oracles.band_piconets import Piconet
 from tests.oracles.band_scene import Book, Flush, Input, Inquire, Join, PageFor, Scan, Scene, Send, Share, Suspend
 from tests.oracles.band_searches import Inquiry, Page
 from tests.oracles.band_stage import DELIVER, HOST, Device, Link, Stage
 
 
-def live(scene: Scene, draw: Callable[[int, int, int], int]) -> Book:
-    """Live through *scene*; *draw* (device, bound, tick) gives the scanners' back-offs."""
+def live(scene: Scene, draw: Callable[[int, int, int], int], watched: bool = False) -> Book:
+    """Live through *scene*; *draw* (device, bound, tick) gives the scanners' back-offs; if *watched*, keep a diary."""
     stage = Stage(scene, draw)
+    diary = Diary(stage)
+    if watched:
+        diary.start()
     masters = {wish.master if isinstance(wish, Join) else wish.device for wish in scene.inputs if is_founding(wish)}
     for address in sorted(masters):
         Piconet(stage, stage.devices[address]).start()
     for wish in scene.inputs:
         stage.at(wish.time, HOST, 0, partial(act, stage, wish))
     stage.run()
+    stage.book.intervals = [tuple(row) for row in diary.close(scene.end)]
     return stage.book
 
 

@@ -62,8 +62,8 @@ class Case:
         slots = draws.below(min(self.longest_backoff, bound), number, 1000 * link + bound, purpose)
         return slots // 16 * 16 + slots % 2 if self.coarse else slots
 
-    def book(self) -> Book:
-        return live(self.scene, self.draw)
+    def book(self, watched: bool = False) -> Book:
+        return live(self.scene, self.draw, watched)
 
 
 def draw_case(choice: Choice) -> Case:

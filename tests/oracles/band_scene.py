@@ -189,6 +189,8 @@ class Book:
     counts: Counter[str] = field(default_factory=Counter)
     """Packets of connected devices by type, and idle polls; an answer counts once it is known that it comes."""
     flow: list[FlowNote] = field(default_factory=list)
+    intervals: list[tuple[int, int, int, str, str]] = field(default_factory=list)
+    """(start, device, end, state, detail) of all that devices did, if they were watched."""
     doubts: list[tuple[int, str]] = field(default_factory=list)
     """What the readings do not settle; a case in which it happens proves nothing."""
 

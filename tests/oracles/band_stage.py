@@ -130,6 +130,8 @@ class Stage:
     """(device, bound, tick) -> an integer in [0, bound): the scanner's back-off."""
     book: Book = field(default_factory=Book)
     now: int = 0
+    happened: Callable[[int, int], None] | None = None
+    """Called with the phase and order of every event but looks, if anybody looks."""
 
     def __post_init__(self) -> None:
         self.air = Air(self.scene.radio, len(self.scene.bodies))
@@ -159,8 +161,10 @@ class Stage:
 
     def run(self) -> None:
         while self.agenda and self.agenda[0][0] < self.scene.end:
-            self.now, *_, act = heappop(self.agenda)
+            self.now, phase, order, _, act = heappop(self.agenda)
             act()
+            if self.happened is not None and phase <= AIR:
+                self.happened(phase, order)
         self.book.sort()
 
     def doubt(self, why: str) -> None:

@@ -24,6 +24,7 @@ from cosim.channels.bluetooth.medium import (
     Medium,
     Noise,
     broken,
+    greatest_interference_mw,
     heard_of,
     judge,
     put,
@@ -66,6 +67,8 @@ from cosim.jit import njit
 
 LOG_FIELDS: Final = 5
 """Columns of the log of idle frames: master, tick, LT_ADDR, whether it went up to the master, its fate."""
+LOG_POWERS: Final = 2
+"""Columns of powers beside it: that which arrived in dBm, and the greatest interference in mW."""
 
 
 class Band(NamedTuple):
@@ -224,6 +227,22 @@ def _end(
     return fate
 
 
+@njit(cache=True, borrows=True)
+def _note_powers(
+    band: Band, medium: Medium, jammers: Jammers | None, adapted: Adapted | None, row: Int64s, powers: Floats
+) -> None:
+    """Note what has arrived of the idle frame of a *row* of the log, which has just ended."""
+    p, tick, up = row[0], row[1], row[3]
+    source, receiver = p, band.links[p, SLAVE, row[2]]
+    if up:
+        source, receiver = receiver, source
+    start = time_of(band.piconets[p], tick)
+    powers[0] = band.carriers_dbm[p, up]
+    powers[1] = greatest_interference_mw(
+        medium, jammers, source, receiver, _channel(band, adapted, p, tick), start, start + HEADER_AIR
+    )
+
+
 @njit(cache=True)
 def advance(
     band: Band,
@@ -234,10 +253,12 @@ def advance(
     until: int,
     last_end: int,
     log: Int64s,
+    powers: Floats,
 ) -> int:
     """Decide all slots that start before *until*, all idle, and end all frames of them that end by *last_end*.
 
     Rows of *log*, shape (m, LOG_FIELDS), take the idle frames in the order of their ends; with m = 0 none are wanted.
+    Rows of *powers*, shape (m, LOG_POWERS) or none if those are not wanted, take what arrived of them.
     Return the number of idle frames; more than m if *log* is too short, in which case the rest is still to be done.
     """
     size = band.piconets.shape[0]
@@ -261,6 +282,8 @@ def advance(
             row = log[count]
             row[0], row[1], row[2] = p, piconet[PAIR_TICK] + (2 if up else 0), piconet[PAIR_LINK]
             row[3], row[4] = up, fate
+            if powers.shape[0]:
+                _note_powers(band, medium, jammers, adapted, row, powers[count])
             count += 1
         when[p] = _next_event(piconet, band.links[p])
     for p in range(size):

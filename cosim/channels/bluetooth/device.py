@@ -14,12 +14,13 @@ from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller
+from cosim.channels.bluetooth.courses import Courses
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
-from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
+from cosim.channels.bluetooth.radio import Air, Arrived, Fate, Frame, Identity, Radio
 from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
@@ -27,6 +28,7 @@ from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import LocalProtocolError, UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.intervals import Interval
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import (
     BROADCAST,
@@ -48,7 +50,7 @@ from cosim.machine import (
 )
 from cosim.protocol import Metric
 from cosim.randomness import Streams
-from cosim.trace import CALLS, FRAMES, Trace
+from cosim.trace import CALLS, FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import TICK, Time, to_seconds
 
 Floor: TypeAlias = tuple[SegmentGrid, Floats]
@@ -88,13 +90,18 @@ class BluetoothChannel(Channel):
         self._all_on = True
         self._reach = _reach(settings, size, streams, floor, power_classes)
         self._calls_wanted = trace.wants(CALLS)
-        self._idle_wanted = settings.idle_frames and trace.wants(FRAMES)
+        self._courses = Courses(self.intervals)
+        self._switched_off: list[Time] = [-1] * size  # when each was last
+        wanted = {table: trace.wants(table) for table in (FRAMES, TRANSMISSIONS, RECEPTIONS)}
+        self._idle_wanted = settings.idle_frames and any(wanted.values())
         self.air = Air(
             size,
-            self._record if trace.wants(FRAMES) else None,
+            self._record if wanted[FRAMES] else None,
             settings.interference,
             settings.noise_dbm,
             streams.draws("bluetooth", "errors").key,
+            self._record_sent if wanted[TRANSMISSIONS] else None,
+            self._record_arrived if wanted[RECEPTIONS] else None,
         )
         self._transport = (
             None
@@ -175,6 +182,7 @@ class BluetoothChannel(Channel):
         if on == device.powered:
             return
         if not on:
+            self._switched_off[address] = self.kernel.now
             device.switch_off()
             if self._transport is not None:
                 self._transport.clear(address)
@@ -182,7 +190,10 @@ class BluetoothChannel(Channel):
         self._all_on = bool(self._on.all())
         self._update_powers()
         if on:
+            self.intervals.end(address, "off", self.kernel.now)
             device.switch_on()
+        else:
+            self.intervals.begin(address, "off", self.kernel.now)
 
     def jam(self, jammer: Jammer) -> None:
         """Put *jammer* on the air as well, at its times."""
@@ -201,6 +212,15 @@ class BluetoothChannel(Channel):
         """Record idle frames up to *now* if they are wanted; powers do not change here but in ``moved``."""
         if self._idle_wanted:
             self.air.advance(now)
+
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return what its radios are doing *now*, and write what is over: devices skip ahead."""
+        return [*self._courses.under_way(now), *super().under_way(now)]
+
+    def close(self, now: Time) -> None:
+        """Write what is not over: the run is."""
+        self._courses.close(now)
+        super().close(now)
 
     def _update_powers(self) -> None:
         powers = self._reach.power_dbm()
@@ -232,6 +252,18 @@ class BluetoothChannel(Channel):
         self.trace.row(
             FRAMES, start, source, destination, duration, kind, channel, lt_addr, length, heard.value, part.value
         )
+
+    def _record_sent(self, frame: Frame, body: bytes, again: bool) -> None:
+        start, duration, kind, source, destination, channel, lt_addr, length = frame
+        whole = not start <= self._switched_off[source] < start + duration
+        sent = 0, 0, again, False, whole, body.hex()
+        self.trace.row(TRANSMISSIONS, start, source, kind, destination, *sent, duration, channel, lt_addr, length)
+
+    def _record_arrived(self, frame: Frame, fate: Fate, arrived: Arrived) -> None:
+        power_dbm = arrived.power_dbm if arrived.power_dbm > float("-inf") else None
+        sinr_db = self.air.sinr_db(arrived) if fate.judged else None
+        row = frame.destination, power_dbm, sinr_db, fate.heard.value, fate.part.value
+        self.trace.row(RECEPTIONS, frame.start, frame.source, *row)
 
     def _call(self, address: Address, depth: int, name: str, detail: str) -> None:
         self.trace.row(CALLS, self.kernel.now, address, CALL_DEPTH + depth, "bluetooth", name, detail)
@@ -266,7 +298,7 @@ class BluetoothChannel(Channel):
         clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
         narrow = NARROW if self.settings.channels == 23 else 0
         identity = Identity(address, int(stream.integers(1 << 32)) | narrow, clock)
-        radio = Radio(self.kernel, self.air, identity)
+        radio = Radio(self.kernel, self.air, identity, self._courses)
         return Controller(radio, self.settings, self.devices, self._report, self._call)
 
     def _equip(self, device: Controller, streams: Streams) -> None:

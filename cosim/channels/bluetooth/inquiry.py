@@ -23,6 +23,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.channels.bluetooth.bits.errors import HEADER
 from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.courses import Phase
 from cosim.channels.bluetooth.hopping import (
     GIAC,
     NARROW,
@@ -32,7 +33,7 @@ from cosim.channels.bluetooth.hopping import (
     scan_channels,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Fate, Frame, Radio
+from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Arrived, Fate, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -44,9 +45,10 @@ from cosim.channels.bluetooth.scanning import (
     next_meeting,
     next_meeting_between,
 )
+from cosim.channels.bluetooth.trains import train_words
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Handle
-from cosim.machine import Address
+from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.settings import Count, Settings, error_at
 from cosim.units import SLOT, Time
@@ -111,6 +113,9 @@ class InquiryScanner:
             self._bound = SHORT_BACKOFF_SLOTS
         self._windows = ScanWindows(self.clock, offset_ticks, settings.interval_ticks, settings.interlaced)
         self._draws = draws
+        self._courses = radio.courses
+        self._course = radio.courses.begin(self.address)
+        self._answers_until: Time = 0  # the end of the last FHS
         self._since: Time = 0  # deaf before; then RESPONSE until the limit, if there is one, and SCAN
         self._limit: Time | None = None
         self._expected: dict[Inquiry, Handle | None] = {}  # the next ID of each inquiry that might be heard
@@ -121,10 +126,14 @@ class InquiryScanner:
         if not self.enabled:
             self.enabled = True
             self._scan(now)
+            self._plan()
 
     def disable(self) -> None:
         """Stop scanning; an answer that has not been started is not sent."""
         self.enabled = False
+        if self._courses.wanted:
+            now = self._kernel.now
+            self._course.plan(now, Phase(now, "inquiry_response"), Phase(max(now, self._answers_until)))
         self._ignore()
         if self._answering is not None:
             self._answering.cancel()
@@ -147,6 +156,16 @@ class InquiryScanner:
         self._since, self._limit, self._answering = since, limit, None
         for inquiry in self._expected:
             self._expect(inquiry, inquiry.ids.first)
+
+    def _plan(self, *before: Phase) -> None:
+        """Plan what it does from now on: first what comes *before* it listens again."""
+        if not self._courses.wanted:
+            return
+        windows = Phase(self._since, "inquiry_scan", parts=self._windows.stretches)
+        listening = (windows,)
+        if self._limit is not None:
+            listening = (Phase(self._since, "inquiry_response"), windows._replace(since=self._limit))
+        self._course.plan(self._kernel.now, *before, *listening)
 
     def _ignore(self) -> None:
         for inquiry, handle in self._expected.items():
@@ -190,12 +209,16 @@ class InquiryScanner:
         if self._air.judge(frame, self.address, carrier_dbm) is not GOOD:
             self._expect(inquiry, meeting.tick + 1)
             return
-        self._air.record(frame, GOOD)
+        inquiry.record_id(frame)
+        self._air.record(frame, GOOD, Arrived(carrier_dbm))
         if self._backs_off_first and not (self._limit is not None and end <= self._limit):
             waited = self._backoff(start, start)
             self._scan(max(self.clock.at_local(waited), end), self.clock.at_local(waited + RESPONSE_TIMEOUT))
+            self._plan(Phase(end, "inquiry_backoff"))
         else:
             self._ignore()
+            if self._courses.wanted:
+                self._course.plan(end, Phase(end, "inquiry_response"))
             self._answering = self._kernel.at(start + RESPONSE_DELAY, partial(self._answer, inquiry, meeting, start))
 
     def _backoff(self, heard: Time, begin: Time) -> Time:
@@ -213,7 +236,9 @@ class InquiryScanner:
         inquiry.reply(frame, meeting.tick, clkn)
         self.n += 1
         end = start + FHS_AIR
+        self._answers_until = end
         self._scan(end if self._backs_off_first else self.clock.at_local(self._backoff(heard, end)))
+        self._plan(Phase(start, "inquiry_response"), Phase(end, "inquiry_backoff"))
 
 
 class _Reply:
@@ -273,10 +298,17 @@ class Inquiry:
         self._over_since: Time = FOREVER
         self._unsettled: list[_Reply] = []  # begun in this order, not yet known whether the receiver locks on them
         self._locked: _Reply | None = None
+        self._recorded: Time = -1  # the start of the last ID that was heard
         # the answer to the last ID ends within the tick after the last receive slot
         self._end = kernel.at(clock.time_of(self.ids.end + 1), self._complete)
         train = self.ids.on_air(self.address, clock.time_of(first))
         self._air.open_train(train, scan_channels(self.word), kernel.now)
+        self._courses = radio.courses
+        self._course = radio.courses.begin(self.address)
+        if radio.courses.wanted:
+            parts = partial(self.ids.stretches, before="", after=train_words(self.ids, self.word))
+            phases = Phase(clock.time_of(first), "inquiry", parts=parts), Phase(clock.time_of(end))
+            self._course.plan(kernel.now, *phases)
         for scanner in scanners:
             scanner.join(self)
 
@@ -284,10 +316,17 @@ class Inquiry:
         """End it now; nothing is reported any more, and answers under way are lost."""
         self._over = True
         self._over_since = self._kernel.now
+        self._courses.end(self._course, self._kernel.now)
         self._air.close_train(self.address, self._kernel.now)
         self._end.cancel()
         for scanner in self._scanners:
             scanner.leave(self)
+
+    def record_id(self, frame: Frame) -> None:
+        """Record that an ID has been sent, as somebody has heard it: once, however many have."""
+        if frame.start > self._recorded:
+            self._recorded = frame.start
+            self._air.record_sent(frame._replace(destination=BROADCAST))
 
     def sends(self, start: Time) -> bool:
         """Return whether the ID at *start*, now, is sent: not while an FHS is being received."""
@@ -333,7 +372,8 @@ class Inquiry:
             fate = UNTUNED
         else:
             fate = reply.lost or self._air.judge(frame, self.address, reply.carrier_dbm, FHS_BITS, HEADER)
-        self._air.record(frame, fate)
+        self._air.record_sent(frame)
+        self._air.record(frame, fate, Arrived(reply.carrier_dbm))
         if fate is GOOD and frame.source not in self.found:
             self._report(reply)
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.members import Memberships
 from cosim.channels.bluetooth.polling import (
     BEACON,
     CLOCK_PHASE,
@@ -69,7 +70,14 @@ class Links:
     *transport* brings payloads to hosts, and may have no room for more; without it they take everything at once.
     """
 
-    def __init__(self, master: Address, piconet: State, table: State, transport: Transport | None = None) -> None:
+    def __init__(
+        self,
+        master: Address,
+        piconet: State,
+        table: State,
+        transport: Transport | None = None,
+        memberships: Memberships | None = None,
+    ) -> None:
         self.piconet = piconet
         self.table = table
         self.slaves: dict[int, Address] = {}
@@ -77,6 +85,8 @@ class Links:
         self.lt_addr: dict[Address, int] = {}
         self.master = master
         self.transport = transport
+        self.memberships = memberships or Memberships(master)
+        """Who is a member, and in which mode, for who wants to see it."""
         self.note_shares()
 
     def held(self) -> list[int]:
@@ -102,6 +112,7 @@ class Links:
         self.table[SLAVE, k] = slave
         self.table[HERE, k] = 1
         self.table[HEARD_DOWN, k] = now
+        self.memberships.begin(slave, slave, k, now)
         if self.transport is not None:  # it may still hold what came over an earlier link
             self.table[FULL_UNTIL, k] = self.transport.full_until(slave, self.master)
 
@@ -110,9 +121,11 @@ class Links:
         self.table[HELD, k] = 1
         self.table[DUE, k] = due
         self.table[HEARD_UP, k] = now
+        self.memberships.begin(self.master, self.slaves[k], k, now)
 
-    def take_down(self, k: int, side: int) -> None:
+    def take_down(self, k: int, side: int, now: Time) -> None:
         """Take one side down; a link without sides is gone."""
+        self.memberships.end(self.master if side == HELD else self.slaves[k], self.slaves[k], now)
         self.table[side, k] = 0
         if not self.table[HELD, k] and not self.table[JOINED, k]:
             del self.lt_addr[self.slaves.pop(k)]
@@ -214,9 +227,10 @@ class Parking:
         member = self.members[number]
         return member.held if side == HELD else member.joined
 
-    def take_down(self, number: int, side: int) -> None:
+    def take_down(self, number: int, side: int, now: Time) -> None:
         """End the membership of a parked slave on one side."""
         member = self.members[number]
+        self._links.memberships.end(self._links.master if side == HELD else member.slave, member.slave, now)
         if side == HELD:
             member.held = False
         else:

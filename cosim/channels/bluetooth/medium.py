@@ -303,6 +303,22 @@ def judge(
     return RECEIVED
 
 
+@njit(cache=True, borrows=True)
+def greatest_interference_mw(
+    medium: Medium, jammers: Jammers | None, source: int, receiver: int, channel: int, start: int, end: int
+) -> float:
+    """Return the greatest sum of powers that overlaps a section of the frame [start, end), as :func:`judge` has it."""
+    if _interference_mw(medium, jammers, source, receiver, channel, start, end) == 0.0:
+        return 0.0
+    if end - start <= ID_AIR:
+        access: float = _interference_mw(medium, jammers, source, receiver, channel, start, end)
+        return access
+    access = _interference_mw(medium, jammers, source, receiver, channel, start, start + ACCESS_AIR)
+    header = _interference_mw(medium, jammers, source, receiver, channel, start + ACCESS_AIR, start + HEADER_AIR)
+    payload = _interference_mw(medium, jammers, source, receiver, channel, start + HEADER_AIR, end)
+    return max(access, header, payload)
+
+
 def jam_records(jammers: Sequence[Jammer]) -> Records:
     """Return *jammers* as the field ``sent`` of :class:`Jammers`."""
     sent = records(len(jammers), JAM)

@@ -125,7 +125,15 @@ class Modes:
     def _note(self, k: int) -> None:
         """Note a change of mode in the arrays, and report it to both hosts."""
         self._links.note_shares()
-        self._report_mode(self._links.slaves[k])
+        slave = self._links.slaves[k]
+        mode = self.mode(slave)
+        self._links.memberships.change_mode(slave, mode, self._kernel.now, self._parts(k) if mode is Mode.SNIFF else "")
+        self._report_mode(slave)
+
+    def _parts(self, k: int) -> str:
+        """Return when a link in sniff mode is active, as the table of intervals has it."""
+        interval, offset, attempt = (self._links.table[[SNIFF_PERIOD, SNIFF_FIRST, SNIFF_COUNT], k] // 2).tolist()
+        return f"interval_slots={interval} offset_slots={offset} attempt_slots={attempt}"
 
     def _report_mode(self, slave: Address) -> None:
         master, mode = self._links.master, self.mode(slave)
@@ -140,9 +148,10 @@ class Modes:
         slave = links.slaves[k]
         events = self._queues.flush(k, slave) + self._queues.flush_link(k, links.master, master_alone=False)
         member = Member(slave, now, now, links.presence(k))
-        links.take_down(k, HELD)
-        links.take_down(k, JOINED)
+        links.take_down(k, HELD, now)
+        links.take_down(k, JOINED, now)
         self._parking.add(member)
+        links.memberships.change_mode(slave, Mode.PARKED, now)
         self._report(events)
         self._report_mode(slave)
         return True
@@ -171,6 +180,7 @@ class Modes:
         member.waking = False
         if k is not None:
             self._parking.remove(number)
+            links.memberships.change_mode(member.slave, Mode.ACTIVE, now)
             links.join(member.slave, k, now)
             links.set_presence(member.slave, member.presence)
             links.admit(k, int(links.piconet[NEXT]), now)

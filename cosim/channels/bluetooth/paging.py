@@ -21,6 +21,7 @@ from typing import Final, Literal, TypeAlias
 
 from pydantic import Field
 
+from cosim.channels.bluetooth.courses import Phase
 from cosim.channels.bluetooth.hopping import (
     KOFFSET,
     NARROW,
@@ -31,7 +32,7 @@ from cosim.channels.bluetooth.hopping import (
     slave_response_channel,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, HEADER_AIR, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Frame, Radio
+from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Arrived, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -42,6 +43,7 @@ from cosim.channels.bluetooth.scanning import (
     first_transmission,
     next_meeting,
 )
+from cosim.channels.bluetooth.trains import train_words
 from cosim.kernel import Handle
 from cosim.machine import Address
 from cosim.settings import Count, Settings
@@ -92,6 +94,8 @@ class PageScanner:
         self.enabled = False
         self._on_slave_connected = on_slave_connected
         self._windows = ScanWindows(self.clock, offset_ticks, settings.interval_ticks, settings.interlaced)
+        self._courses = radio.courses
+        self._course = radio.courses.begin(self.address)
         self._since: Time = 0  # deaf before
         self._exchange: _Exchange | None = None  # the one it is engaged in
         self._pages: list[Page] = []  # under way, to this device
@@ -103,12 +107,14 @@ class PageScanner:
             if self._exchange is not None and not self._exchange.slave:
                 self._exchange = None
             self._scan(now)
+            self._plan(now)
 
     def disable(self) -> None:
         """Stop scanning, and take no further part in an exchange, unless it is a slave by now."""
         self.enabled = False
         if self._exchange is not None and not self._exchange.slave:
             self._exchange = None
+        self._stop_course()
         self._notify_pages()
 
     def next_meeting(self, ids: IdTrain, tick: int) -> Meeting | None:
@@ -131,6 +137,22 @@ class PageScanner:
         self._exchange = exchange
         self._notify_pages()
 
+    def wait(self, exchange: "_Exchange", until: Time) -> None:
+        """Note that this side, if it takes part in *exchange*, scans again at *until* if it hears nothing more."""
+        if self._courses.wanted and self._exchange is exchange and not exchange.slave:
+            detail = f"peer={exchange.pager} role=slave"
+            self._plan(until, Phase(self.kernel.now, "page_response", detail))
+
+    def _plan(self, since: Time, *before: Phase) -> None:
+        """Plan to listen in windows *since* then, and from now on what comes *before*."""
+        if self._courses.wanted:
+            windows = Phase(since, "page_scan", parts=self._windows.stretches)
+            self._course.plan(self.kernel.now, *before, windows)
+
+    def _stop_course(self) -> None:
+        if self._courses.wanted:
+            self._course.plan(self.kernel.now)
+
     def engaged_in(self, exchange: "_Exchange") -> bool:
         """Return whether this side still takes part in *exchange*."""
         return self._exchange is exchange
@@ -138,6 +160,7 @@ class PageScanner:
     def release(self, exchange: "_Exchange", at: Time) -> None:
         """Scan again from *at* on, when the time-out for the next frame of *exchange* is over."""
         if self._exchange is exchange:
+            self.wait(exchange, at)
             self._exchange = None
             self._scan(at)
 
@@ -150,6 +173,7 @@ class PageScanner:
     def become_slave(self, master: Address, lt_addr: int) -> None:
         """Stop scanning: there is a link now."""
         self.enabled = False
+        self._stop_course()
         self._on_slave_connected(master, lt_addr)
 
     def _scan(self, since: Time) -> None:
@@ -194,6 +218,8 @@ class Page:
         self._expected: Handle | None = None
         self._exchange: _Exchange | None = None
         self._sending = False
+        self._courses = radio.courses
+        self._course = radio.courses.begin(self.address)
         scanner.join(self)
         self.send_ids(first)
         self._seek(first)
@@ -223,15 +249,31 @@ class Page:
             self._sending = True
             row = self.ids.on_air(self.address, self.ids.clock.time_of(tick))
             self.air.open_train(row, scan_channels(self.scanner.hop_address), self.kernel.now)
+            if self._courses.wanted:
+                self._plan(tick)
 
     def stop_ids(self) -> None:
         """Send no more IDs."""
         self._sending = False
+        if self._courses.wanted:
+            self._course.plan(self.kernel.now, self._exchanging())
         self.air.close_train(self.address, self.kernel.now)
+
+    def _plan(self, tick: int) -> None:
+        """Plan to send IDs from *tick* on; before, unless it is the first time, an exchange is not quite over."""
+        before = f"peer={self.scanner.address} "
+        parts = partial(self.ids.stretches, before=before, after=train_words(self.ids, self.scanner.hop_address))
+        since, until = self.ids.clock.time_of(tick), self.ids.clock.time_of(self.ids.end)
+        exchange = (self._exchanging(),) if tick > self.ids.first else ()
+        self._course.plan(self.kernel.now, *exchange, Phase(since, "page", parts=parts), Phase(until))
+
+    def _exchanging(self) -> Phase:
+        return Phase(self.kernel.now, "page_response", f"peer={self.scanner.address} role=master")
 
     def _leave(self) -> None:
         self.scanner.leave(self)
         self.stop_ids()
+        self._courses.end(self._course, self.kernel.now)
 
     def connected(self, poll_tick: int) -> None:
         """Report the link: the NULL that answers the POLL of *poll_tick* was received."""
@@ -268,9 +310,11 @@ class Page:
         if self.air.judge(frame, self.scanner.address, carrier_dbm) is not GOOD:
             self._seek(meeting.tick + 1)
             return
-        self.air.record(frame, GOOD)
+        self.air.record_sent(frame)
+        self.air.record(frame, GOOD, Arrived(carrier_dbm))
         self._exchange = _Exchange(self, meeting, frame.start)
         self.scanner.engage(self._exchange)
+        self.scanner.wait(self._exchange, frame.start + RESPONSE_DELAY + PAGE_RESPONSE_TIMEOUT)
 
     def _fail(self) -> None:
         self._leave()
@@ -286,6 +330,7 @@ class _Exchange:
     def __init__(self, page: Page, meeting: Meeting, start: Time) -> None:
         self.slave = False
         """True if the paged device has received a POLL."""
+        self.pager = page.address
         self._page = page
         self._kernel = page.kernel
         self._clock = page.ids.clock
@@ -296,11 +341,14 @@ class _Exchange:
         self._frozen_clke = meeting.tick + 2 + page.ids.estimate
         self._scan_at = start + RESPONSE_DELAY + PAGE_RESPONSE_TIMEOUT
         self._acknowledged = False
+        self._under_way: Frame | None = None
         self._pending = self._kernel.at(start + RESPONSE_DELAY, self._respond)
 
     def abandon(self) -> None:
         """Let the pager take no further part; the scanner notices by its time-out."""
         self._pending.cancel()
+        if self._under_way is not None:  # nobody will ask what became of it
+            self._page.air.record_sent(self._under_way)
         if self.slave:
             self._page.scanner.finish(self)
         else:
@@ -338,6 +386,7 @@ class _Exchange:
     def _after_fhs(self, n: int, start: Time, received: bool) -> None:
         if received:
             self._pending = self._kernel.at(start + RESPONSE_DELAY, partial(self._acknowledge, n))
+            self._page.scanner.wait(self, start + RESPONSE_DELAY + NEW_CONNECTION_TIMEOUT)
         else:
             self._repeat_fhs(n)
 
@@ -422,15 +471,18 @@ class _Exchange:
     def _transmit(self, frame: Frame, tuned: bool, then: _Then) -> None:
         air = self._page.air
         air.put(frame)
+        self._under_way = frame
         carrier = air.carrier(frame.source, frame.destination)
         self._pending = self._kernel.after(frame.duration, partial(self._arrive, frame, carrier, tuned, then))
 
     def _arrive(self, frame: Frame, carrier_dbm: float, tuned: bool, then: _Then) -> None:
         air = self._page.air
+        self._under_way = None
         if not tuned:
             fate = UNTUNED if air.reaches(carrier_dbm) else FAR
         else:
             bits = FHS_BITS if frame.kind == "FHS" else 0
             fate = air.judge(frame, frame.destination, carrier_dbm, bits)
-        air.record(frame, fate)
+        air.record_sent(frame)
+        air.record(frame, fate, Arrived(carrier_dbm))
         then(fate is GOOD)

@@ -23,6 +23,7 @@ from collections.abc import Callable
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.afh import Adaptation
 from cosim.channels.bluetooth.links import Links, Parking, Presence
+from cosim.channels.bluetooth.members import Memberships
 from cosim.channels.bluetooth.modes import Modes
 from cosim.channels.bluetooth.packets import smallest
 from cosim.channels.bluetooth.polling import (
@@ -76,7 +77,7 @@ class Piconet:
         piconet[polling.SCHEDULER] = scheduler
         self.address = address
         self.clock = clock
-        self.links = Links(address, piconet, table, transport)
+        self.links = Links(address, piconet, table, transport, Memberships(address, radio.courses.intervals))
         self._kernel = kernel
         self._air = air
         self._settings = settings
@@ -139,7 +140,7 @@ class Piconet:
         bits = [int(self.links.table[row, k]) for row in (SEQ_UP, SEEN_UP, SEQ_DOWN, SEEN_DOWN)]
         down, up = self._queues.take(EVERYONE), self._queues.take(k)
         for side in (HELD, JOINED):
-            self.links.take_down(k, side)
+            self.links.take_down(k, side, self._kernel.now)
         self._changed()
         other.resume()
         other.add_slave(self.address, 1, int(other.links.piconet[NEXT]))
@@ -392,7 +393,7 @@ class Piconet:
         if not (self._parking.up(k, side) if parked else self.links.up(k, side)):
             return []
         slave = self._parking.members[k].slave if parked else self.links.slaves[k]
-        (self._parking if parked else self.links).take_down(k, side)
+        (self._parking if parked else self.links).take_down(k, side, self._kernel.now)
         self._air.changed(self._kernel.now)
         if side == HELD:
             host, peer = self.address, slave

@@ -8,8 +8,9 @@ first.
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import repeat, starmap
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,9 +19,10 @@ import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
-from cosim.channels.bluetooth.band import LOG_FIELDS, Adapted, Band
+from cosim.channels.bluetooth.band import LOG_FIELDS, LOG_POWERS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.clock import NativeClock, start_of
+from cosim.channels.bluetooth.courses import Courses
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
@@ -50,6 +52,7 @@ LONGEST_FRAME: Final[Time] = 4 * MS
 FOREVER: Final[Time] = 1 << 61
 _NOTHING_DBM: Final = float("-inf")
 _NO_LOG: Final = np.empty((0, LOG_FIELDS), dtype=np.int64)
+_NO_POWERS: Final = np.empty((0, LOG_POWERS))
 _LOG_ROWS: Final = 4096
 
 
@@ -84,11 +87,17 @@ class Fate(NamedTuple):
     part: Part = Part.NONE
 
     @property
+    def judged(self) -> bool:
+        """True if it depends on what else is on the air."""
+        return self.heard not in _UNJUDGED
+
+    @property
     def header_heard(self) -> bool:
         """True if the receiver has noticed the frame and knows its header."""
         return self.heard is Heard.RECEIVED or self.heard is Heard.REFUSED or self.part is Part.PAYLOAD
 
 
+_UNJUDGED: Final = (Heard.OUT_OF_RANGE, Heard.NOT_TUNED)
 _PARTS: Final = tuple(Part)
 FATES: Final[tuple[Fate, ...]] = (
     Fate(Heard.RECEIVED),
@@ -122,12 +131,23 @@ class Frame(NamedTuple):
     """User payload in bytes."""
 
 
-IdleFrame: TypeAlias = Callable[[int, int, bool, Fate], None]
-"""Called with (tick, LT_ADDR, whether the frame went up to the master, its fate)."""
+class Arrived(NamedTuple):
+    """What arrives of a frame at a receiver."""
+
+    power_dbm: float
+    interference_mw: float | None = None
+    """The most of what overlaps one of its sections there; None if it has not been judged, or not yet been asked."""
+
+
+IdleFrame: TypeAlias = Callable[[int, int, bool, Fate, Arrived | None], None]
+"""Called with (tick, LT_ADDR, whether the frame went up to the master, its fate, what has arrived if that is wanted)."""
 
 
 class Air:
     """The air between *size* devices. *record*, if given, is called with every frame that is judged, and its fate.
+
+    *sent*, if given, is called with every frame that is recorded, once, its body, and whether that has been on the air
+    before; *arrived* with the frame, its fate and what arrived, for each receiver.
 
     *key* is the key of the draws of bit errors; without noise (-inf dBm) there are none.
     """
@@ -139,6 +159,8 @@ class Air:
         interference: Interference = "co_channel",
         noise_dbm: float = float("-inf"),
         key: tuple[int, int] = (0, 0),
+        sent: Callable[[Frame, bytes, bool], None] | None = None,
+        arrived: Callable[[Frame, Fate, Arrived], None] | None = None,
     ) -> None:
         self.medium = mediums.new_medium(size, MODES[interference])
         self.band: Band = bands.new_band(self.medium)
@@ -153,6 +175,8 @@ class Air:
         self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
         """Power from which on a receiver notices a frame."""
         self._record = record
+        self._told_sent = sent
+        self._told_arrived = arrived
         self._running = 0
         """Number of piconets that send anything."""
         self._master: Address | None = None
@@ -228,20 +252,25 @@ class Air:
         if now >= self._closing:
             self._forget_trains(now)
 
-    def _advance_together(self, now: Time, last_end: Time, log: Int64s = _NO_LOG) -> int:
+    def _advance_together(
+        self, now: Time, last_end: Time, log: Int64s = _NO_LOG, powers: Floats = _NO_POWERS
+    ) -> int:
         self._put_sent()
         self._others = max(self._others, now + LONGEST_FRAME)
-        return int(bands.advance(self.band, self.medium, self.noise, self._jammers, self.adapted, now, last_end, log))
+        state = self.band, self.medium, self.noise, self._jammers, self.adapted
+        return int(bands.advance(*state, now, last_end, log, powers))
 
     def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
         while more:
             log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
-            count = self._advance_together(now, last_end, log)
+            powers = _NO_POWERS if self._told_arrived is None else np.empty((_LOG_ROWS, LOG_POWERS))
+            count = self._advance_together(now, last_end, log, powers)
             more = count > _LOG_ROWS
-            for master, tick, k, up, fate in log[:count].tolist():
+            arrived = starmap(Arrived, powers[:count].tolist()) if len(powers) else repeat(None)
+            for (master, tick, k, up, fate), power in zip(log[:count].tolist(), arrived, strict=False):
                 if master in self._idle:
-                    self._idle[master](tick, k, bool(up), FATES[fate])
+                    self._idle[master](tick, k, bool(up), FATES[fate], power)
 
     def report_idle(self, master: Address, report: IdleFrame) -> None:
         """Call *report* with every idle POLL and NULL of the piconet of *master* from now on."""
@@ -399,13 +428,39 @@ class Air:
 
     @property
     def recorded(self) -> bool:
-        """True if a trace wants frames."""
-        return self._record is not None
+        """True if a trace wants frames, or what is sent, or what arrives."""
+        return not (self._record is None and self._told_sent is None and self._told_arrived is None)
 
-    def record(self, frame: Frame, fate: Fate) -> None:
-        """Hand *frame* and its fate to the trace, if there is one."""
+    def record(self, frame: Frame, fate: Fate, arrived: Arrived | None = None) -> None:
+        """Hand *frame*, which has just ended, its fate, and what *arrived*, to the trace, as far as that wants it."""
         if self._record is not None:
             self._record(frame, fate)
+        if self._told_arrived is not None and arrived is not None:
+            if arrived.interference_mw is None and fate.judged:
+                met = self._interference_mw(frame, frame.destination)
+                arrived = arrived._replace(interference_mw=met)
+            self._told_arrived(frame, fate, arrived)
+
+    def sinr_db(self, arrived: Arrived) -> float | None:
+        """Return the least ratio of a frame to noise and interference in dB; None where there is neither."""
+        noise_mw = 0.0 if self.noise is None else elementary.exp10(self.noise.dbm / 10.0)
+        against = noise_mw + (arrived.interference_mw or 0.0)
+        return None if against == 0.0 else arrived.power_dbm - 10.0 * elementary.log10(against)
+
+    def record_sent(self, frame: Frame, body: bytes = b"", again: bool = False) -> None:
+        """Hand a *frame* with a *body* to the trace, if that wants it; *again* if the body was on the air before."""
+        if self._told_sent is not None:
+            self._told_sent(frame, body, again)
+
+    def _interference_mw(self, frame: Frame, receiver: Address) -> float:
+        """Return the most that overlaps a section of *frame*, which ends now and has been judged, at *receiver*."""
+        start, end = frame.start, frame.start + frame.duration
+        if (self.calm and start >= self.stray) or self._undisturbed(frame.source, receiver, start, end):
+            return 0.0
+        self._put_sent()
+        ways = frame.source, receiver, frame.channel
+        met: float = mediums.greatest_interference_mw(self.medium, self._jammers, *ways, start, end)
+        return met
 
     # ------------------------------------------------------------ trains of IDs
 
@@ -480,3 +535,5 @@ class Radio:
     kernel: Kernel
     air: Air
     identity: Identity
+    courses: Courses = field(default_factory=Courses)
+    """What all devices do, for who wants to see it."""

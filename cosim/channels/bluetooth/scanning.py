@@ -12,12 +12,14 @@ is 0. The search steps over windows and such segments only. In the 23-channel sy
 both trains are the same, and there is always a solution.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
 from cosim.channels.bluetooth.clock import NativeClock, start_of, tick_at
+from cosim.channels.bluetooth.courses import Stretch
 from cosim.channels.bluetooth.hopping import KOFFSET, Train, train_phase
 from cosim.channels.bluetooth.medium import TRAIN, Records, records
 from cosim.channels.bluetooth.packets import ID_AIR
@@ -83,6 +85,15 @@ class IdTrain:
         """Return X at *tick*."""
         return train_phase(tick + self.estimate, self.train(tick))
 
+    def stretches(self, start: Time, end: Time, before: str, after: str) -> Iterator[Stretch]:
+        """Yield the stretches of one train each in [*start*, *end*) of its time; *before* and *after* are details."""
+        switch = 32 * self.repetitions
+        while start < end:
+            tick = self.clock.tick(start)
+            change = self.clock.time_of(tick - (tick - self.first) % switch + switch)
+            yield start, min(change, end), f"{before}train={self.train(tick)}{after}"
+            start = change
+
     def on_air(self, device: Address, since: Time) -> Records:
         """Return the record (1,) for ``Air.open_train``: *device* sends the train from *since* (ns) to its end."""
         clock, switch = self.clock, 32 * self.repetitions
@@ -110,6 +121,22 @@ class ScanWindows:
     def continuous(self) -> bool:
         """True if there is no time outside of the windows."""
         return self.interval == WINDOW
+
+    def stretches(self, start: Time, end: Time) -> Iterator[Stretch]:
+        """Yield the windows, or parts of windows, in [*start*, *end*); those of a continuous scan are one."""
+        if self.continuous:
+            yield start, end, ""
+            return
+        details = ("window=1", "window=2") if self.interlaced else ("",)
+        edge = self.clock.tick(start)
+        edge -= (edge - self.offset) % self.interval
+        while (opening := self.clock.time_of(edge)) < end:
+            for number, detail in enumerate(details, 1):
+                closing = self.clock.time_of(edge + number * WINDOW)
+                if max(opening, start) < min(closing, end):
+                    yield max(opening, start), min(closing, end), detail
+                opening = closing
+            edge += self.interval
 
 
 class Meeting(NamedTuple):

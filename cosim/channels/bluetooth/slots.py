@@ -31,11 +31,11 @@ from cosim.channels.bluetooth.polling import (
     USED,
 )
 from cosim.channels.bluetooth.queues import LinkEvents, Payload
-from cosim.channels.bluetooth.radio import FAR, GOOD, REFUSED, UNTUNED, Fate, Frame, Heard
+from cosim.channels.bluetooth.radio import FAR, GOOD, REFUSED, UNTUNED, Arrived, Fate, Frame, Heard
 from cosim.channels.bluetooth.schedule import Schedule
 from cosim.channels.bluetooth.state import PiconetState
 from cosim.kernel import AIR, Handle
-from cosim.machine import Address, Outcome, Reception
+from cosim.machine import BROADCAST, Address, Outcome, Reception
 from cosim.units import Time
 
 
@@ -142,7 +142,8 @@ class Slots:
         if fate.heard is Heard.RECEIVED and self._overflows(pair):
             fate = REFUSED
         if pair.noted:
-            self._air.record(frame, fate)
+            self._record(frame, pair.question)
+            self._air.record(frame, fate, Arrived(pair.down_dbm))
         if pair.answer is not None:
             pair.answer.chosen = False
         if not fate.header_heard:
@@ -188,7 +189,8 @@ class Slots:
         held = bool(links.table[HELD, k])
         fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
         if pair.noted:
-            self._air.record(frame, fate)
+            self._record(frame, answer)
+            self._air.record(frame, fate, Arrived(pair.up_dbm))
         self._assess(frame, fate.heard is Heard.RECEIVED and pair.whole)
         if not fate.header_heard:
             links.table[STOPPED, k] = 0
@@ -250,6 +252,8 @@ class Slots:
         now, table = self._kernel.now, self.links.table
         wanted = self._recorded if payload is not None else self._idle_recorded
         joined = table[JOINED].tolist()
+        if wanted:
+            self._record(frame._replace(destination=BROADCAST), payload)
         for k, slave in self._audience(payload is None):
             if k not in carriers:
                 continue  # it came while the frame was on the air
@@ -257,7 +261,7 @@ class Slots:
             tuned = k in present and bool(joined[k] if parked is None else parked.joined)
             fate = self._fate(frame, slave, carriers[k], payload, tuned)
             if wanted:
-                self._air.record(frame._replace(destination=slave), fate)
+                self._air.record(frame._replace(destination=slave), fate, Arrived(carriers[k]))
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
                 self._receive(arrivals, slave, payload, self.address, carriers[k], True)
@@ -337,12 +341,21 @@ class Slots:
         """Return until when *device* sends STOP (FLOW = 0) to *peer*: 0 if it has room now."""
         return 0 if self._transport is None else self._transport.full_until(device, peer)
 
-    def _record_idle(self, tick: int, k: int, up: bool, fate: Fate) -> None:
+    def _record(self, frame: Frame, payload: Payload | None) -> None:
+        """Record that *frame* with *payload*, or without one, has been sent."""
+        if payload is None:
+            self._air.record_sent(frame)
+        else:
+            self._air.record_sent(frame, payload.outgoing.payload, payload.tries > 1)
+
+    def _record_idle(self, tick: int, k: int, up: bool, fate: Fate, arrived: Arrived | None) -> None:
         slave = int(self.links.table[SLAVE, k])  # the link itself may be gone by the end of the frame
         source, destination = (slave, self.address) if up else (self.address, slave)
         channel = self._air.channel(self.address, tick)
         start, kind = self.clock.time_of(tick), "NULL" if up else "POLL"
-        self._air.record(Frame(start, HEADER_AIR, kind, source, destination, channel, k), fate)
+        frame = Frame(start, HEADER_AIR, kind, source, destination, channel, k)
+        self._air.record_sent(frame)
+        self._air.record(frame, fate, arrived)
 
 
 @cache

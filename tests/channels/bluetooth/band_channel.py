@@ -28,7 +28,7 @@ from cosim.machine import (
     Scan,
     Share,
 )
-from cosim.trace import FRAMES, Trace
+from cosim.trace import FRAMES, INTERVALS, Trace
 from cosim.units import TICK, Time
 from tests.oracles import band_scene as given
 from tests.oracles.band_cases import Case
@@ -46,6 +46,8 @@ class Outcome(NamedTuple):
     fates: list[tuple[int, int, int, str]]
     losses: list[tuple[int, int, int]]
     news: list[tuple[Any, ...]]
+    intervals: list[tuple[int, int, int, str, str]]
+    """(start, device, end, state, detail)"""
     counts: dict[str, int]
     """Packets of connected devices by type, and idle polls."""
 
@@ -63,7 +65,7 @@ def payload_of(wish: Send) -> bytes:
 
 def outcome_of(case: Case) -> Outcome:
     """Return what the oracle says; a frame that is on the air at the end has no outcome."""
-    scene, book = case.scene, case.book()
+    scene, book = case.scene, case.book(watched=True)
     payloads = {wish.token: payload_of(wish) for wish in scene.inputs if isinstance(wish, Send)}
     return Outcome(
         [row for row in book.seen + case.idle * book.idle if row.start + row.duration < scene.end],
@@ -71,6 +73,7 @@ def outcome_of(case: Case) -> Outcome:
         [tuple(row) for row in book.verdicts],
         [tuple(row) for row in book.losses],
         [tuple(row) for row in book.news],
+        book.intervals,
         {name: count for name, count in book.counts.items() if count},
     ).sort()
 
@@ -196,8 +199,8 @@ def settings_of(scene: Scene, idle: bool) -> BluetoothSettings:
 def run_channel(case: Case, model: Callable[..., BluetoothChannel] = BluetoothChannel) -> Outcome:
     """Run the channel, or a *model* of it, on the case."""
     scene = case.scene
-    kernel, trace = Kernel(), Trace((FRAMES,))
-    outcome = Outcome([], [], [], [], [], {})
+    kernel, trace = Kernel(), Trace((FRAMES, INTERVALS))
+    outcome = Outcome([], [], [], [], [], [], {})
     channel = model(settings_of(scene, case.idle), kernel, trace, len(scene.bodies), Chosen(case))
     for address, body in enumerate(scene.bodies):
         channel.attach(address, Host(address, outcome))
@@ -209,6 +212,9 @@ def run_channel(case: Case, model: Callable[..., BluetoothChannel] = BluetoothCh
         kernel.at(wish.time, partial(act, kernel, channel, wish), WAKE)
     kernel.run(scene.end)
     channel.air.advance(scene.end)
+    channel.close(scene.end)
+    for start, device, end, _, state, detail in zip(*trace.columns("intervals").values(), strict=True):
+        outcome.intervals.append((start, device, end, state, detail))
     columns = trace.columns("frames")
     for start, source, to, air, kind, channel_, lt_addr, _, heard, part in zip(*columns.values(), strict=True):
         if start + air < scene.end:

@@ -69,9 +69,15 @@ class Search:
         start = inputs[-1].time
         scene = Scene(
             bodies=(
-                Body(self.phase, self.ppm, 0, self._windows(0), ScanWindows(0, 2048)),
+                Body(self.phase, self.ppm, 0, self._windows(0), self._page_windows(0)),
                 *(
-                    Body(device.phase, device.ppm, 0, self._windows(device.offset, device.n), ScanWindows(0, 2048))
+                    Body(
+                        device.phase,
+                        device.ppm,
+                        0,
+                        self._windows(device.offset, device.n),
+                        self._page_windows(device.offset),
+                    )
                     for device in self.devices
                 ),
             ),
@@ -85,6 +91,9 @@ class Search:
 
     def _windows(self, offset: int, n: int = 0) -> ScanWindows:
         return ScanWindows(offset, self.interval, self.interlaced, self.version, n)
+
+    def _page_windows(self, offset: int) -> ScanWindows:
+        return ScanWindows((offset + self.interval // 2) % 2048, 2048)  # half an interval behind those for inquiries
 
     def _scans(self) -> Iterator[Scan]:
         for device in self.devices:
