@@ -5,7 +5,9 @@ who watches a run under way sees it too. Rows come in the order in which interva
 ahead tells of what was in between when it comes to it. Nothing is kept, and nothing costs, unless the trace wants it.
 """
 
-from typing import Final, NamedTuple
+from array import array
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 from cosim.machine import Address
 from cosim.trace import INTERVALS, Trace
@@ -32,6 +34,12 @@ STATES: Final[dict[str, str]] = {
     "park": "Bluetooth: a slave is parked; slave= at its master, master= at its slave",
     "slave": "Bluetooth: has a link to its master=, as lt_addr=",
     "sniff": "Bluetooth: a link is in sniff mode, active for attempt_slots= in every interval_slots=; slave= or master=",
+    "awaits_ack": "802.11: a frame has been sent, its acknowledgement is to come",
+    "awaits_cts": "802.11: an RTS has been sent, the answer that allows the frame is to come",
+    "backoff": "802.11: a back-off counts down: slots are left at the beginning, of those drawn from 0 to cw",
+    "difs": "802.11: the medium is idle, and a frame or back-off waits for the interframe space to pass",
+    "eifs": "802.11: the same after a frame that could not be read, when the space is longer (EIFS)",
+    "route": "a router has a route to a robot: over which neighbour as next hop, and how many hops it takes",
 }
 """All states, with their meanings."""
 
@@ -61,6 +69,12 @@ class Intervals:
         """Add an interval that is known whole; one without length is none."""
         if self.wanted and end > start:
             self._trace.row(INTERVALS, start, robot, end, self._radio, state, detail)
+
+    def add_many(self, starts: Any, robots: Any, ends: Any, states: Sequence[str], details: Sequence[str]) -> None:
+        """Add intervals with a length, by column; times and robots are arrays of 64-bit integers."""
+        if self.wanted:
+            radios = array("q", (self._radio,)) * len(states)
+            self._trace.rows(INTERVALS, starts, robots, ends, radios, states, details)
 
     def begin(self, robot: Address, state: str, now: Time, detail: str = "") -> None:
         """Open an interval, unless *robot* is in that *state* with that *detail*."""

@@ -237,6 +237,19 @@ class Trace:
             for append, value in zip(appends, values, strict=True):
                 append(value)
 
+    def rows(self, table: Table, *columns: Any) -> None:
+        """Append rows by column, all equally long, in the order of the table's fields.
+
+        A column of numbers that every row has is an array of int64 or float64, any other one a list.
+        """
+        if not self.wants(table):
+            return
+        for column, values in zip(self._columns[table.name], columns, strict=True):
+            if isinstance(column, array):
+                column.frombytes(values.tobytes())
+            else:
+                column.extend(values)
+
     def event(self, time: int, source: int, event: Any) -> None:
         """Append a protocol's *event*, a dataclass, to the table ``events``.
 

@@ -22,8 +22,8 @@ LINES = (
     "world",
     "robots channels",
     "node faults scenario simulation columns parts results upkeep experiment sweep cluster",
-    "timeline report export web picture testing parallel env pins warm live data_dictionary console cli_pictures cli_sweeps "
-    "cli __main__",
+    "timeline report export web picture testing parallel env pins warm live data_dictionary console cli_pictures "
+    "cli_sweeps cli __main__",
 )
 """The layers of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}

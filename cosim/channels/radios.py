@@ -8,6 +8,7 @@ of its own. Radio 0 behaves as if it were the only one: it draws from the same s
 their own. A robot's radios do not disturb each other, and work at the same time.
 """
 
+from array import array
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Final, Literal
@@ -102,6 +103,15 @@ class RadioTrace(Trace):
         elif table.name == INTERVALS.name:
             values = (*values[:_RADIO_AT], self._radio, *values[_RADIO_AT + 1 :])
         self._whole.row(table, *values)
+
+    def rows(self, table: Table, *columns: Any) -> None:
+        """Append rows by column."""
+        radios = array("q", (self._radio,)) * len(columns[0])
+        if table.name in OF_RADIOS:
+            columns = (*columns, radios)
+        elif table.name == INTERVALS.name:
+            columns = (*columns[:_RADIO_AT], radios, *columns[_RADIO_AT + 1 :])
+        self._whole.rows(table, *columns)
 
     def event(self, time: int, source: int, event: Any) -> None:
         """Append an event."""

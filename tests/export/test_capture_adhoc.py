@@ -129,6 +129,7 @@ class Field:
         self.kernel.at(time, lambda: self.channel.power(address, on))
 
     def capture(self, path: Path) -> int:
+        self.channel.close(self.kernel.now)
         return write_capture(path, self.channel, self.trace, "")
 
     def rows(self, name: str, *columns: str) -> list[tuple[Any, ...]]:

@@ -23,6 +23,8 @@ Readings, where the standard or the readings of the channel leave a choice:
 8. Durations hold no propagation delay; a NAV is never taken back. An RTS is answered if the NAV is over when it ends.
 9. Bianchi's counting: each busy period that begins after the IFS takes one off the counter; DIFS is used always; the
    wait for CTS or ACK is SIFS + 2 delta + 1 us (below DIFS), and no DIFS follows a time-out.
+
+What a station is doing is looked at when all this is done; as long as that stays the same it is one interval.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,6 +36,7 @@ US = 1_000
 BROADCAST, BACKOFF = -1, 1
 DATA, ACK, RTS, CTS = "DATA", "ACK", "RTS", "CTS"
 RECEIVED, SPOILT, NOT_HEARD = "received", "spoilt", "not heard"
+BUSY, NAV = "busy", "nav"
 
 
 class Timing(NamedTuple):
@@ -92,12 +95,26 @@ class Fate(NamedTuple):
     dropped_ns: int | None = None
 
 
+class Interval(NamedTuple):
+    """What a station was doing, and how long: *state* BUSY, NAV, or as in the table; of a back-off also the slots.
+
+    Those left at its beginning, those drawn, and the window.
+    """
+
+    begin_ns: int
+    station: int
+    end_ns: int
+    state: str
+    slots: tuple[int, ...] = ()
+
+
 class Result(NamedTuple):
     """Frames in order of begin and sender, what each station in range made of each ended one, fate of each arrival."""
 
     frames: list[Frame]
     outcomes: dict[tuple[Frame, int], str]
     fates: list[Fate]
+    intervals: list[Interval]
 
 
 class Rules(NamedTuple):
@@ -142,6 +159,7 @@ class Station:
         self.after_error = False  # whether the last reception was in error: EIFS instead of DIFS
         self.sending: Frame | None = None
         self.arriving: list[Frame] = []
+        self.noise_from = 0  # when the first of these, or of those that they have overlapped, began to arrive
         self.lock: Frame | None = None
         self.lock_hit = self.lock_deafened = False  # whether another frame, or an own one, fell into the lock
         self.in_exchange = False  # from the transmission of RTS or DATA to its success or failure
@@ -150,6 +168,8 @@ class Station:
         self.last_lock: Frame | None = None  # held at the deadline: its end is waited for
         self.answer: tuple[int, int, str, int] | None = None  # what a reception calls for: when, to whom, kind, number
         self.access = False  # whether the first frame of the queue may be transmitted now
+        self.drawn: tuple[int, int] | None = None  # the slots of the last back-off, and the window that they are from
+        self.doing: dict[str, Interval] = {}  # the intervals that are not over
 
     def busy(self, now: int) -> bool:
         """Return whether the medium is sensed busy, physically or virtually."""
@@ -168,6 +188,7 @@ class Station:
         """Draw a back-off, uniform in 0..CW."""
         words = philox((self.draws, 0, self.name, BACKOFF), self.rules.key)
         self.counter = ((words[0] << 32 | words[1]) * (self.cw + 1)) >> 64
+        self.drawn = self.counter, self.cw
         self.slot_begin = None
         self.draws += 1
 
@@ -233,6 +254,8 @@ class Station:
             self.lock_hit = True
         elif self.sending is None and not self.arriving:
             self.lock, self.lock_hit, self.lock_deafened = frame, False, False
+        if not self.arriving:
+            self.noise_from = frame.begin_ns + self.rules.timing.delta
         self.arriving.append(frame)
 
     def look(self, now: int) -> None:
@@ -280,6 +303,35 @@ class Station:
         dropped = self.short_retries == options.short_limit or self.long_retries == options.long_limit
         self.leave(**{"dropped_ns": now} if dropped else {})
 
+    def quiet(self, now: int) -> bool:
+        """Return whether an interframe space passes: nothing is sensed, nor has noise gone on for as long as that."""
+        noisy = bool(self.arriving) and self.noise_from + self.rules.timing.cca <= now
+        return not self.busy(now) and not noisy
+
+    def states(self, now: int) -> set[str]:
+        """Return what the station is doing from now on."""
+        states = set()
+        if self.sending is not None or self.arriving:
+            states.add(BUSY)
+        if now < self.nav:
+            states.add(NAV)
+        if self.waits_for is not None:
+            states.add({CTS: "awaits_cts", ACK: "awaits_ack"}[self.waits_for])
+        if self.counter is not None and self.slot_begin is not None:
+            states.add("backoff")
+        elif (self.counter is not None or (self.queue and not self.in_exchange)) and self.quiet(now):
+            states.add("eifs" if self.after_error and not self.rules.options.bianchi_counting else "difs")
+        return states
+
+    def note(self, now: int, states: set[str]) -> list[Interval]:
+        """Note in which *states* the station is from now on; return the intervals that are over."""
+        over = [interval._replace(end_ns=now) for state, interval in self.doing.items() if state not in states]
+        self.doing = {state: interval for state, interval in self.doing.items() if state in states}
+        for state in states - self.doing.keys():
+            slots = (self.counter, *self.drawn) if state == "backoff" else ()
+            self.doing[state] = Interval(now, self.name, -1, state, slots)
+        return over
+
     def due(self, now: int) -> Frame | None:
         """Return the frame that begins now, if any."""
         if self.answer is not None and self.answer[0] == now:
@@ -320,6 +372,7 @@ def run(
     frames: list[Frame] = []
     on_air: list[Frame] = []
     outcomes: dict[tuple[Frame, int], str] = {}
+    intervals: list[Interval] = []
     for now in range(0, until_ns, step_ns):
         for frame in list(on_air):
             if frame.end_ns == now:
@@ -341,7 +394,12 @@ def run(
                 assert begun.end_ns % step_ns == 0
                 frames.append(begun)
                 on_air.append(begun)
+        for station in stations:
+            intervals += station.note(now, station.states(now))
+    for station in stations:
+        intervals += station.note(until_ns, set())
     order = sorted(range(len(arrivals)), key=lambda number: arrivals[number].time_ns)
     sent = [[number for number in order if arrivals[number].station == station.name] for station in stations]
     named = {frame: frame._replace(number=sent[arrivals[frame.number].station].index(frame.number)) for frame in frames}
-    return Result(list(named.values()), {(named[frame], b): what for (frame, b), what in outcomes.items()}, rules.fates)
+    made = {(named[frame], b): what for (frame, b), what in outcomes.items()}
+    return Result(list(named.values()), made, rules.fates, intervals)

@@ -28,6 +28,7 @@ from cosim.channels.adhoc.dcf import (
     send_data,
     sent,
 )
+from cosim.channels.adhoc.log import has_log_room, log_missed, log_reception, log_transmission
 from cosim.channels.adhoc.reception import is_calm
 from cosim.channels.adhoc.state import HEARD, NEVER, NONE, OVER, Network
 from cosim.jit import njit
@@ -88,7 +89,7 @@ def _has_room(network: Network) -> bool:
     common, size = network.common[0], len(network.stations)
     events = common.events + 2 * size + common.frames_under_way + 4 <= len(network.agenda)
     reports = common.told + 2 * size + 4 <= len(network.told)
-    return bool(events and reports and common.free_frame != NONE)
+    return bool(events and reports and common.free_frame != NONE and has_log_room(network))
 
 
 @njit(cache=True, borrows=True)
@@ -136,17 +137,25 @@ def _arrive(network: Network, now: Time) -> None:
 @njit(cache=True, borrows=True)
 def _leave(network: Network, number: int, now: Time) -> None:
     """Have a frame end wherever it has arrived."""
-    frame, noted, missed = network.frames[number], network.common[0].noted, True
+    frame, missed = network.frames[number], True
+    noted, logged = network.common[0].noted, len(network.receptions) > 0
     for at in range(frame.row, frame.row_end):
-        address, received = network.rows[at].address, False
+        address, followed, received = network.rows[at].address, False, False
         if is_calm(network, address, 0.0):
             network.powers_mw[number, address] = 0.0
             network.stations[address].arriving -= 1
         else:
+            followed = network.stations[address].followed == number
             received = energy_ends(network, address, number, now)
         missed &= frame.destination != BROADCAST and frame.destination != address
         if noted:
             tell_frame(network, HEARD, address, number, received, 0.0)
+        if logged:
+            log_reception(network, address, number, network.rows[at].mw, followed, received, now)
+    if len(network.transmissions) > 0:
+        log_transmission(network, number)
+    if logged and missed and frame.destination != BROADCAST:
+        log_missed(network, number)
     if noted:
         tell_frame(network, OVER, NONE, number, frame.whole, 0.0).missed = missed
     forget(network, number)

@@ -23,21 +23,23 @@ from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
 from cosim.channels.adhoc.mac import KINDS, Packet
 from cosim.channels.adhoc.reach import FAINT_MW, Reach
-from cosim.channels.adhoc.routing.base import COUNTS, Delivery
+from cosim.channels.adhoc.routing.base import COUNTS, Delivery, Router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
-from cosim.channels.adhoc.stations import Rules, Stations
+from cosim.channels.adhoc.stations import Log, Rules, Stations, Wanted
+from cosim.channels.adhoc.tables import doings, receptions, transmissions
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.intervals import Interval
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
-from cosim.trace import FRAMES, TRANSMISSIONS, Trace
+from cosim.trace import FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import Time, from_seconds
 
 JITTER: Final = 3
@@ -106,8 +108,6 @@ class AdhocChannel(IdealChannel):
         super().__init__(IdealSettings(delay_s=settings.propagation_s), kernel, trace, size)
         self._settings = settings
         self._most = settings.queue_payloads
-        self._frames_wanted = trace.wants(FRAMES)
-        self._transmissions_wanted = trace.wants(TRANSMISSIONS)
         self._propagation = _fading(settings, walls, streams)
         self._strength = _strength(settings, strengths, size)
         self._alike = len(np.unique(self._strength)) == 1
@@ -121,9 +121,13 @@ class AdhocChannel(IdealChannel):
         self._draws = streams.draws("adhoc")
         self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         rules = Rules(settings.timing(), settings.access, None if settings.propagation is None else settings.limits())
-        self._stations = Stations(
-            size, rules, kernel, self._draws, self, self._frames_wanted or self._transmissions_wanted
+        wanted = Wanted(
+            frames=trace.wants(FRAMES),
+            intervals=self.intervals.wanted,
+            transmissions=trace.wants(TRANSMISSIONS),
+            receptions=trace.wants(RECEPTIONS),
         )
+        self._stations = Stations(size, rules, kernel, self._draws, self, wanted)
         self._jamming = Jamming(kernel, self._jam_mw, self._stations, size)
         self._forwarding = self._routers(streams)
 
@@ -132,7 +136,11 @@ class AdhocChannel(IdealChannel):
         if routing is None:
             return None
         draws = streams.draws("routing")
-        return Forwarding(self.size, lambda robot, now: make_router(routing, robot, draws, now), self.kernel, self)
+
+        def make(robot: Address, now: Time) -> Router:
+            return make_router(routing, robot, draws, now)
+
+        return Forwarding(self.size, make, self.kernel, self, self.intervals)
 
     # ------------------------------------------------------------ the channel's contract
 
@@ -174,6 +182,10 @@ class AdhocChannel(IdealChannel):
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""
         super().power(address, on)
+        if on:
+            self.intervals.end(address, "off", self.kernel.now)
+        else:
+            self.intervals.begin(address, "off", self.kernel.now)
         self._reach.power(address, on)
         self._stations.moved()
         self._stations.power(address, on)
@@ -181,6 +193,22 @@ class AdhocChannel(IdealChannel):
         self._handover.forget(address)
         if self._forwarding is not None:
             self._forwarding.power(address, on)
+
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return what its radios are doing *now*; what they have done before is written."""
+        if self._forwarding is not None:
+            self._forwarding.settle(now)
+        columns = doings(self._stations.under_way(now))
+        of_each = zip(columns.starts.tolist(), columns.stations.tolist(), columns.states, columns.details, strict=True)
+        waits = [Interval(start, robot, now, 0, state, detail) for start, robot, state, detail in of_each]
+        return super().under_way(now) + waits
+
+    def close(self, now: Time) -> None:
+        """Write the intervals that are not over, and what is not written yet: the run is over."""
+        if self._forwarding is not None:
+            self._forwarding.settle(now)
+        super().close(now)
+        self._stations.close(now)
 
     def summary(self) -> dict[str, float]:
         """Return the number of frames sent, and of payloads given up."""
@@ -289,18 +317,18 @@ class AdhocChannel(IdealChannel):
         self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
 
     def noted(self, report: Report, packet: Packet | None) -> None:
-        """Record a frame at a robot that it is meant for, or what was on the air, and whom it has not reached."""
+        """Record a frame at a robot that it is meant for, or that it has not reached the one."""
         if report.what == HEARD:
-            if self._frames_wanted and report.destination in (BROADCAST, report.station):
+            if report.destination in (BROADCAST, report.station):
                 self._row(report, packet, report.station, "received" if report.right else "collided")
-            return
-        if report.missed and self._frames_wanted:
+        elif report.missed:
             self._row(report, packet, report.destination, "out_of_range")
-        if self._transmissions_wanted:
-            kind, routed, body = KINDS[report.kind], self._forwarding is not None, packet.payload if packet else b""
-            sent = kind, report.destination, report.reserves, report.number, report.again, routed, report.right
-            of_frame = report.duration, -1, 0, len(body)
-            self.trace.row(TRANSMISSIONS, report.begin, report.source, *sent, body.hex(), *of_frame)
+
+    def logged(self, log: Log) -> None:
+        """Write what the stations have kept for tables."""
+        self.intervals.add_many(*doings(log.intervals))
+        self.trace.rows(TRANSMISSIONS, *transmissions(log.transmissions, log.carried, self._forwarding is not None))
+        self.trace.rows(RECEPTIONS, *receptions(log.receptions))
 
     def _row(self, report: Report, packet: Packet | None, receiver: Address, outcome: str) -> None:
         length = 0 if packet is None else len(packet.payload)

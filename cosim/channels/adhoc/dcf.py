@@ -23,6 +23,7 @@ from typing import Final
 
 from cosim.channels.adhoc.agenda import ANSWER, CONTEND, GIVE_UP, MAY_SEND, SEND_DATA, SENT, push
 from cosim.channels.adhoc.air import begin, leave_packet, new_frame, tell, tell_frame
+from cosim.channels.adhoc.log import log_access, log_response, log_unsensed, note_waiting
 from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Form
 from cosim.channels.adhoc.reception import IGNORED, RIGHT, begins, disturb, ends, energy
 from cosim.channels.adhoc.state import DONE, END, FAILURE, NEVER, NONE, RECEIVED, Network, Record
@@ -46,6 +47,7 @@ def _draw(common: Record, station: Record, address: int, not_before: Time) -> No
     bound = station.window + 1  # the product of it and 64 bits, of which the upper 64 count
     station.slots = (words[0] * bound + (words[1] * bound >> 32)) >> 32
     station.drawn += 1
+    station.drawn_slots, station.drawn_window = station.slots, station.window
     station.not_before = not_before
     station.pending = True
 
@@ -99,6 +101,8 @@ def power(network: Network, address: int, on: bool, now: Time) -> None:
     if on:
         station.idle_from = now
         return
+    log_access(network, address, now)
+    log_response(network, address, now)
     station.life += 1
     while station.waiting > 0:
         _take_first(network, station)
@@ -150,6 +154,7 @@ def _fail(network: Network, address: int, now: Time) -> None:
     """Try the first of the queue again after a longer back-off, or drop it (9.2.5.3)."""
     common, station = network.common[0], network.stations[address]
     packet = network.packets[station.first]
+    log_response(network, address, now)
     after = 0 if common.bianchi_counting else common.difs
     if station.awaits == ACK and packet.asks:
         packet.long += 1
@@ -188,18 +193,25 @@ def contend(network: Network, address: int, now: Time) -> None:
         if station.sending == NONE and station.reserved_until <= now and not sensed:
             station.ends = due
             station.ends_event = push(network, due, AIR, MAY_SEND, address)
+            note_waiting(network, address, now)
             return
         _draw(common, station, address, now)
-    if station.sending == NONE and not busy:
+    if station.sending != NONE:
+        return
+    if busy:
+        log_unsensed(network, address, now)
+    else:
         station.counted_from = max(idle_for_good, station.not_before)
         station.ends = station.counted_from + station.slots * common.slot
         station.ends_event = push(network, station.ends, AIR, MAY_SEND, address)
+        note_waiting(network, address, now)
 
 
 @njit(cache=True, borrows=True)
 def may_send(network: Network, address: int, now: Time) -> None:
     """Send what the station has waited to send, if anything."""
     common, station = network.common[0], network.stations[address]
+    log_access(network, address, now)
     station.ends, station.ends_event = NEVER, NONE
     station.pending = False
     if station.waiting == 0:
@@ -219,6 +231,7 @@ def _defer(network: Network, address: int, sensed_at: Time, now: Time) -> None:
     common, station = network.common[0], network.stations[address]
     if station.ends == NEVER or station.ends < sensed_at:
         return
+    log_access(network, address, sensed_at if station.act < now else min(sensed_at, station.act))  # it may answer first
     station.ends, station.ends_event = NEVER, NONE
     if station.pending:
         _interrupt(common, station, sensed_at)
@@ -283,7 +296,7 @@ def sent(network: Network, address: int, now: Time) -> None:
     if not energy(network, address):
         station.idle_from = now
     if frame.kind == RTS or (frame.kind == DATA and frame.destination != BROADCAST):
-        station.awaits = CTS if frame.kind == RTS else ACK
+        station.awaits, station.awaits_from = CTS if frame.kind == RTS else ACK, now
         station.timeout_event = push(network, now + common.timeout, AIR, GIVE_UP, address)
     elif frame.kind == DATA:
         _finish(network, address, True, 0, now)
@@ -377,6 +390,7 @@ def _go_on(network: Network, address: int, now: Time) -> None:
     """Go on with the exchange: the awaited response has come."""
     common, station = network.common[0], network.stations[address]
     response = station.awaits
+    log_response(network, address, now)
     station.timeout_event, station.awaits = NONE, NONE
     if response == ACK:
         _finish(network, address, True, 0, now)

@@ -12,8 +12,10 @@ from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.base import Delivery, Router
 from cosim.channels.adhoc.routing.flooding import Flooding, FloodingSettings
 from cosim.channels.adhoc.routing.olsr import Olsr, OlsrSettings
+from cosim.channels.adhoc.routing.watch import RouteWatch
 from cosim.channels.adhoc.settings import RoutingSettings
 from cosim.errors import LocalProtocolError
+from cosim.intervals import Intervals
 from cosim.kernel import WAKE, Handle, Kernel
 from cosim.machine import Address, Outcome, Outgoing
 from cosim.protocol import Metric
@@ -51,11 +53,23 @@ def make_router(settings: RoutingSettings, address: Address, draws: Draws, now: 
 class Forwarding:
     """All routers of a run."""
 
-    def __init__(self, size: int, make: Callable[[Address, Time], Router], kernel: Kernel, ends: Ends) -> None:
+    def __init__(
+        self,
+        size: int,
+        make: Callable[[Address, Time], Router],
+        kernel: Kernel,
+        ends: Ends,
+        intervals: Intervals | None = None,
+    ) -> None:
+        """Write routes to *intervals*, if these are wanted."""
         self._make = make
         self._kernel = kernel
         self._ends = ends
+        self._intervals = intervals
+        self._watches: dict[Address, RouteWatch] = {}
         self.routers = [make(address, kernel.now) for address in range(size)]
+        for address in range(size):
+            self._watch(address)
         self._on = [True] * size
         self._past: dict[str, float] = {}
         """Counts of the earlier routers of robots that have been switched on again."""
@@ -92,7 +106,17 @@ class Forwarding:
         if on:
             _add(self._past, self.routers[address].summary())
             self.routers[address] = self._make(address, self._kernel.now)
+            self._watch(address)
+        elif address in self._watches:
+            self.routers[address].settle(self._kernel.now)
+            self.routers[address].be_watched(None)
+            self._watches.pop(address).take_all({}, self._kernel.now)
         self._drain(address)
+
+    def settle(self, now: Time) -> None:
+        """End intervals of routes that are over *now*."""
+        for address in self._watches:
+            self.routers[address].settle(now)
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
@@ -105,6 +129,12 @@ class Forwarding:
         for router in self.routers:
             _add(total, router.summary())
         return total
+
+    def _watch(self, address: Address) -> None:
+        """Write down the routes of a new router, if these are wanted."""
+        if self._intervals is not None and self._intervals.wanted:
+            self._watches[address] = RouteWatch(address, self._intervals)
+            self.routers[address].be_watched(self._watches[address])
 
     def _drain(self, address: Address) -> None:
         """Act on what a router has left, and schedule its next wake."""

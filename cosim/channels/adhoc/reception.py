@@ -9,6 +9,7 @@ each for as long as it lasts. A much stronger one that begins during the preambl
 have no errors, of which the logarithms are added up whenever the disturbance changes.
 """
 
+import math
 from typing import Final
 
 import cosim.elementary as elementary
@@ -64,7 +65,7 @@ def begins(network: Network, address: int, number: int, mw: float, now: Time) ->
         follows = not deaf and station.arriving == 0
     if follows:
         station.followed, station.followed_from, station.spoilt = number, now, False
-        station.log_chance, station.level_from = 0.0, 0
+        station.log_chance, station.level_from, station.least_level = 0.0, 0, math.inf
     network.powers_mw[number, address] = mw
     station.arriving += 1
     note_level(network, address, now)
@@ -139,6 +140,7 @@ def note_level(network: Network, address: int, now: Time) -> None:
     mw = network.powers_mw[station.followed, address]
     others_mw = total_mw(network, address) - mw
     station.level = mw / (common.noise_mw + station.jammers_mw + max(others_mw, 0.0))
+    station.least_level = min(station.least_level, station.level)
     station.level_from = since
 
 

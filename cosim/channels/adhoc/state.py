@@ -44,10 +44,13 @@ COMMON: Final = np.dtype(
         *((name, np.float64) for name in Limits._fields),
         ("key_0", np.int64),  # of the draws
         ("key_1", np.int64),
-        ("noted", np.bool_),  # all ends of frames are told, for tables
+        ("noted", np.bool_),  # the ends of all frames are told, for tables, at each station, too
         ("events", np.int64),  # number of events on the agenda
         ("orders", np.int64),  # number of events that have ever been put there
         ("told", np.int64),  # number of reports that wait
+        ("intervals", np.int64),  # number of rows of these that are kept for tables
+        ("transmissions", np.int64),
+        ("receptions", np.int64),
         ("urgent", np.bool_),  # one of them is for a host
         ("now", np.int64),  # instant and phase of the present event
         ("phase", np.int64),
@@ -77,16 +80,21 @@ STATION: Final = np.dtype(
         ("drawn", np.int64),  # number of back-offs that have been drawn
         ("window", np.int64),
         ("slots", np.int64),  # of the back-off that have not passed
+        ("drawn_slots", np.int64),  # of the same when it was drawn, and the window then
+        ("drawn_window", np.int64),
         ("not_before", np.int64),  # instant from which on they count
         ("counted_from", np.int64),
         ("ends", np.int64),  # end of the back-off, or of the space before a frame without; NEVER if not counting
         ("ends_event", np.int64),
+        ("waits_from", np.int64),  # beginning of the space before it, for tables
+        ("logged_to", np.int64),  # end of what they have of that
         ("idle_from", np.int64),
         ("reserved_until", np.int64),  # the network allocation vector
         ("erred", np.bool_),  # EIFS is due in place of DIFS
         ("sending", np.int64),  # frame
         ("exchanging", np.bool_),  # the first packet is on its way, from its first frame to its end or failure
         ("awaits", np.int64),  # kind of the answer
+        ("awaits_from", np.int64),
         ("timeout_event", np.int64),
         ("act", np.int64),  # instant of the last event that was certain: the end of a frame, or an answer
         ("life", np.int64),  # number of times that the station has been switched off
@@ -104,6 +112,8 @@ STATION: Final = np.dtype(
         ("log_chance", np.float64),  # of no error in that frame before level_from
         ("level", np.float64),  # ratio of its power to all others and noise since then
         ("level_from", np.int64),  # since it began to arrive
+        ("least_level", np.float64),
+        ("lost_at", np.int64),  # end of the last frame for it that it has followed and not received, for tables
         ("row", np.int64),  # where its row begins, see ``Network.rows``; NONE if it must be asked for
         ("row_end", np.int64),
     ],
@@ -162,6 +172,8 @@ HEARD: Final = 2
 """A frame has arrived to its end at a station."""
 OVER: Final = 3
 """A frame has arrived to its end everywhere."""
+KEPT: Final = 4
+"""A transmission is kept that carries a packet."""
 
 REPORT: Final = np.dtype(
     [
@@ -182,6 +194,36 @@ REPORT: Final = np.dtype(
     ],
     align=True,
 )
+
+
+INTERVAL: Final = np.dtype(
+    [
+        *((name, np.int64) for name in ("begin", "station", "end", "state")),
+        ("slots", np.int64),  # of a back-off: what ``log.packed_slots`` returns; 0 of anything else
+    ],
+    align=True,
+)
+"""What a station was doing; its states stand in ``log``."""
+
+TRANSMISSION: Final = np.dtype(
+    [
+        *((name, np.int64) for name in ("begin", "source", "kind", "destination", "reserves", "number", "duration")),
+        ("again", np.bool_),  # the packet has failed before
+        ("whole", np.bool_),
+    ],
+    align=True,
+)
+"""What was on the air."""
+
+RECEPTION: Final = np.dtype(
+    [
+        *((name, np.int64) for name in ("begin", "source", "receiver", "outcome")),
+        ("power_dbm", np.float64),  # NaN where it is not known
+        ("sinr_db", np.float64),
+    ],
+    align=True,
+)
+"""What became of a frame at a station; its outcomes stand in ``log``."""
 
 
 class Report(NamedTuple):
@@ -225,6 +267,10 @@ class Network(NamedTuple):
     told: Records
     cck: Floats
     """Table of bit errors, if a rate needs it."""
+    intervals: Records
+    """What is kept for tables of intervals, of transmissions, and of receptions; without room nothing is."""
+    transmissions: Records
+    receptions: Records
 
 
 def new_network(
@@ -266,6 +312,9 @@ def new_network(
         agenda=new_records(16 * size + 16, EVENT),
         told=new_records(16 * size + 16, REPORT),
         cck=cck,
+        intervals=new_records(0, INTERVAL),
+        transmissions=new_records(0, TRANSMISSION),
+        receptions=new_records(0, RECEPTION),
     )
     return with_packets(with_frames(network, 16), 64)
 

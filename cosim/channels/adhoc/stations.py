@@ -18,16 +18,21 @@ from cosim.channels.adhoc.advance import FULL, ROWLESS, TOLD, advance, jam_all
 from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
+from cosim.channels.adhoc.log import EACH, MORE, has_log_room, log_under_way
 from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
     END,
     FORM,
+    INTERVAL,
+    KEPT,
     NEVER,
     NONE,
     RECEIVED,
+    RECEPTION,
     REPORT,
+    TRANSMISSION,
     Network,
     Records,
     Report,
@@ -45,6 +50,10 @@ from cosim.units import Time
 
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
+_KEPT: Final = ("intervals", "transmissions", "receptions")
+"""What is kept for tables: arrays of the network, and their lengths in its common record."""
+LOG_ROWS: Final = 4096
+"""Number of intervals, and of receptions, that are kept for tables before they are handed over."""
 
 _READ: Final = ("what", "station", "packet", "right", "mw", "source", "number")
 """Fields of reports of which hosts hear, in their order."""
@@ -52,6 +61,8 @@ _REPORT: Final = Struct(
     "".join(REPORT[name].char if name in _READ else f"{REPORT[name].itemsize}x" for name in REPORT.fields or ()) + "0q"
 )
 """These fields of a report, and what is skipped."""
+_WHOLE_REPORT: Final = Struct("".join(REPORT[name].char for name in REPORT.fields or ()) + "0q")
+"""All its fields."""
 _OFFERED: Final = ("address", "destination", "form", "asks", "awaited", "now")
 _OFFER: Final = np.dtype([(name, np.int64) for name in _OFFERED], align=True)
 """What ``queue`` is to do; its form by number."""
@@ -72,6 +83,32 @@ class Rules(NamedTuple):
     """Noise and thresholds; None if all frames in reach are alike."""
 
 
+class Wanted(NamedTuple):
+    """What the host wants to hear of, for tables."""
+
+    frames: bool = False
+    """Every frame, when it has arrived to its end, at each station that it reaches, and everywhere."""
+    intervals: bool = False
+    """What the stations were doing,"""
+    transmissions: bool = False
+    """every frame once more,"""
+    receptions: bool = False
+    """and what became of it at stations: these three in bulk, later."""
+
+
+NOTHING_WANTED: Final = Wanted()
+
+
+class Log(NamedTuple):
+    """What has been kept for tables."""
+
+    intervals: Records
+    transmissions: Records
+    receptions: Records
+    carried: Sequence[bytes]
+    """What each of the transmissions has carried."""
+
+
 class Host(Protocol):
     """The other side of all stations."""
 
@@ -90,18 +127,32 @@ class Host(Protocol):
     def noted(self, report: Report, packet: Packet | None) -> None:
         """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER)."""
 
+    def logged(self, log: Log) -> None:
+        """Write what has been kept, in arrays that are the stations' own."""
+
 
 class Stations:
-    """All stations of a channel; *noted* if the host wants to hear of every frame."""
+    """All stations of a channel."""
 
-    def __init__(self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, noted: bool = False) -> None:
+    def __init__(
+        self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, wanted: Wanted = NOTHING_WANTED
+    ) -> None:
         self._timing, self._access, limits = rules
         self._kernel = kernel
         self._host = host
         cck = tables(() if limits is None else _rates(self._timing))
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
-        self._common["noted"] = noted
+        self._common["noted"] = wanted.frames
+        self._logs = wanted.intervals or wanted.transmissions or wanted.receptions
+        self._carried: list[bytes] = []
+        """What the transmissions that are kept have carried, as far as told."""
+        room = LOG_ROWS + EACH * size + MORE
+        network = network._replace(
+            intervals=new_records(room if wanted.intervals else 0, INTERVAL),
+            transmissions=new_records(room if wanted.transmissions else 0, TRANSMISSION),
+            receptions=new_records(room if wanted.receptions else 0, RECEPTION),
+        )
         names = "events", "told", "urgent", "frames_under_way", "first_there", "rowless"
         self._events, self._told, self._urgent, self._under_way, self._first_there, self._rowless = (
             _field(network.common, name) for name in names
@@ -164,6 +215,7 @@ class Stations:
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
+        self._make_log_room()
         power(self._network, address, on, self._kernel.now)
         if not on:
             self._heard[address].clear()
@@ -206,6 +258,54 @@ class Stations:
     def dropped(self) -> int:
         """Number of packets that were sent as often as allowed, and not acknowledged."""
         return int(self._common["dropped"])
+
+    # ------------------------------------------------------------ what is kept for tables
+
+    def flush(self) -> None:
+        """Hand to the host what has been kept, but for what goes on beyond now."""
+        if not self._logs:
+            return
+        now = max(int(self._common["now"]), self._kernel.now)
+        intervals, transmissions, receptions = (self._kept(name) for name in _KEPT)
+        late = intervals["end"] > now  # energy is sensed some time after it has begun
+        told = len(self._carried)
+        self._host.logged(Log(intervals[~late], transmissions[:told], receptions, self._carried))
+        self._keep("intervals", intervals[late])
+        self._keep("transmissions", transmissions[told:])
+        self._keep("receptions", receptions[:0])
+        self._carried = []
+
+    def under_way(self, now: Time) -> Records:
+        """Return what the stations are doing *now*, as intervals that end now; hand over what they have done before."""
+        self.flush()
+        late = self._kept("intervals").copy()
+        if self._logs:
+            log_under_way(self._network, now)
+        intervals = self._kept("intervals").copy()
+        self._keep("intervals", late)
+        intervals["end"] = np.minimum(intervals["end"], now)
+        return intervals[intervals["begin"] < now]
+
+    def close(self, now: Time) -> None:
+        """Hand over all that has been kept: the run is over."""
+        intervals = self.under_way(now)
+        self._keep("intervals", intervals[:0])
+        self._host.logged(Log(intervals, self._kept("transmissions")[:0], self._kept("receptions"), ()))
+
+    def _kept(self, name: str) -> Records:
+        """Return the rows that are kept in the array *name* of the network."""
+        rows: Records = getattr(self._network, name)[: int(self._common[name])]
+        return rows
+
+    def _keep(self, name: str, rows: Records) -> None:
+        """Keep *rows*, and no others."""
+        getattr(self._network, name)[: len(rows)] = rows
+        self._common[name] = len(rows)
+
+    def _make_log_room(self) -> None:
+        """Hand over what has been kept if that leaves no room for what the next event may bring."""
+        if self._logs and not has_log_room(self._network):
+            self.flush()
 
     # ------------------------------------------------------------ how time goes on
 
@@ -283,6 +383,7 @@ class Stations:
         """Make room for another packet, and for what the next event may bring."""
         if self._told[0] and not self._urgent[0]:
             self._tell()
+        self._make_log_room()
         network, size = self._network, len(self._network.stations)
         if self._common["free_frame"] == NONE:
             network = with_frames(network, len(network.frames))
@@ -323,9 +424,12 @@ class Stations:
         heard, packets = NONE, self._packets
         told = _REPORT.iter_unpack(self._reports[: count * _REPORT.size])
         for at, (what, station, number, right, power_mw, source, data_number) in enumerate(told):
-            if what != RECEIVED:
+            if what == KEPT:
                 heard = NONE
-                note = None if what == DONE else Report(*self._network.told[at].tolist())
+                self._carried.append(packets[number].payload if number != NONE else b"")
+            elif what != RECEIVED:
+                heard = NONE
+                note = None if what == DONE else Report(*_WHOLE_REPORT.unpack_from(self._reports, at * _REPORT.size))
                 outcomes.append((packets.get(number), right, [station], [power_mw], source, None, note))
             elif number == heard:
                 receivers.append(station)
@@ -357,9 +461,10 @@ def _field(records: Records, name: str) -> memoryview:
 
 # ---------------------------------------------------------------- kernels
 #
-# A network is nine arrays, and each call of a kernel takes them over from Python anew: that costs more than most events
-# do. These two take them once, and then do their work whenever they are asked for the next result. They borrow what
-# ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as held.
+# A network is twelve arrays, and each call of a kernel takes them over from Python anew: that costs more than most
+# events do. These two take them once, and then do their work whenever they are asked for the next result. They borrow
+# what ``Stations`` holds: a generator of numba's that is not asked to its end never gives back what it has counted as
+# held.
 
 
 @njit(cache=True, borrows=True)

@@ -3,21 +3,25 @@
 import random
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cosim.arrays import Int64s
+from cosim.channels.adhoc import tables
+from cosim.channels.adhoc.carrier import carrier
 from cosim.channels.adhoc.mac import KINDS, Access, Form, Packet, Timing
 from cosim.channels.adhoc.state import NONE, OVER, Records, Report
-from cosim.channels.adhoc.stations import Rules, Stations
+from cosim.channels.adhoc.stations import Log, Rules, Stations, Wanted
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
+from cosim.trace import RECEPTIONS, TRANSMISSIONS
 from cosim.units import US, Time
 from tests.oracles import dcf as oracle
 
 SLOT, SIFS, DIFS, CCA, DELTA = 20 * US, 10 * US, 50 * US, 15 * US, 1 * US
+ALL = Wanted(frames=True, intervals=True, transmissions=True, receptions=True)
 PREAMBLE = 24 * US
 """A preamble as short as frames here are: long ones would only make cases longer."""
 
@@ -41,6 +45,12 @@ class Told(NamedTuple):
     """(begin, source, receiver)"""
     delivered: dict[int, Time]
     done: dict[int, tuple[Time, bool]]
+    doings: list[tuple[Time, Address, Time, str, str]]
+    """(begin, station, end, state, detail), as in the table of intervals"""
+    receptions: list[tuple[Time, Address, Address, str]]
+    """(begin, source, receiver, outcome), as in the table"""
+    silences: list[tuple[Address, Time, Time, str]]
+    """(station, begin, end, what): when its medium was busy, and what its NAV was, until the first frame without end"""
 
 
 def octets_time(octets: int) -> Time:
@@ -111,14 +121,37 @@ def slow(case: Case) -> Told:
     delivered = {i: fate.delivered_ns for i, fate in enumerate(result.fates) if fate.delivered_ns is not None}
     done = {i: (fate.done_ns, True) for i, fate in enumerate(result.fates) if fate.done_ns is not None}
     done |= {i: (fate.dropped_ns, False) for i, fate in enumerate(result.fates) if fate.dropped_ns is not None}
-    return Told(sorted(frames), received, delivered, done)
+    followed = [each for each in result.intervals if each.state not in (oracle.BUSY, oracle.NAV)]
+    doings = sorted((i.begin_ns, i.station, i.end_ns, i.state, _backoff(*i.slots)) for i in followed)
+    receptions = [
+        (f.begin_ns, f.source, b, "received" if what == oracle.RECEIVED else "collided")
+        for (f, b), what in result.outcomes.items()
+    ]
+    receptions += [
+        (f.begin_ns, f.source, f.destination, "out_of_range")
+        for f in result.frames
+        if f.end_ns + DELTA < case.until and f.destination != BROADCAST and not case.hears[f.source][f.destination]
+    ]
+    until = min([f.begin_ns for f in result.frames if f.end_ns + DELTA >= case.until], default=case.until)
+    silences = [
+        (i.station, i.begin_ns, min(i.end_ns, until), i.state)
+        for i in result.intervals
+        if i.state in (oracle.BUSY, oracle.NAV) and i.begin_ns < until
+    ]
+    return Told(sorted(frames), received, delivered, done, doings, sorted(receptions), sorted(silences))
+
+
+def _backoff(*slots: int) -> str:
+    return "slots={} of={} cw={}".format(*slots) if slots else ""
 
 
 class Network:
     """The fast model's stations, and what they tell."""
 
     def __init__(self, case: Case) -> None:
-        self.told = Told([], set(), {}, {})
+        self.told = Told([], set(), {}, {}, [], [], [])
+        self._sent: list[tuple[Any, ...]] = []
+        self._heard: list[tuple[Any, ...]] = []
         self._case = case
         self._kernel = Kernel()
         control = Form(PREAMBLE + 14 * US)
@@ -130,25 +163,42 @@ class Network:
         )
         rules = Rules(timing, Access(*case.windows, threshold, *limits, bianchi), None)
         count = len(case.hears)
-        self._stations = Stations(count, rules, self._kernel, Draws(case.seed, "mac"), self, noted=True)
+        self._stations = Stations(count, rules, self._kernel, Draws(case.seed, "mac"), self, ALL)
         for number, (time, station, destination, octets) in enumerate(case.arrivals):
             packet = Packet(destination, bytes(octets), number)
             self._kernel.at(time, partial(self._stations.send, station, packet), WORLD)
 
     def run(self) -> Told:
         self._kernel.run(self._case.until)
-        network, under_way = self._stations._network, 0
+        self._stations.close(self._case.until)
+        network, under_way, until = self._stations._network, 0, self._case.until
         for first in ("first_begun", "first_there"):  # frames that have not ended yet
             number = network.common[0][first]
             while number != NONE:
                 under_way += 1
                 frame = network.frames[number]
+                until = min(until, int(frame["begin"]))
                 self._add(*(int(frame[name]) for name in ("begin", "source", "destination", "kind")), frame["form"][0])
                 number = frame["next"]
         assert network.common[0]["frames_under_way"] == under_way
         assert self._packets_held() == sum(packet["users"] > 0 for packet in network.packets)
-        self.told.frames.sort()
+        self._look_at_silences(until)
+        for rows in self.told:
+            if isinstance(rows, list):
+                rows.sort()
         return self.told
+
+    def _look_at_silences(self, until: Time) -> None:
+        columns = [[field.name for field in table.fields] for table in (TRANSMISSIONS, RECEPTIONS)]
+        sent, heard = (
+            {name: [row[at] for row in rows] for at, name in enumerate(names)}
+            for names, rows in zip(columns, (self._sent, self._heard), strict=True)
+        )
+        for robot in range(len(self._case.hears)):
+            for what, silences in zip((oracle.BUSY, oracle.NAV), carrier(sent, heard, robot, DELTA), strict=True):
+                self.told.silences.extend(
+                    (robot, begin, min(end, until), what) for begin, end in silences.tolist() if begin < until
+                )
 
     def _packets_held(self) -> int:
         """Return how many packets are not free."""
@@ -172,6 +222,16 @@ class Network:
             self._add(report.begin, report.source, report.destination, report.kind, report.duration)
         elif report.right:
             self.told.received.add((report.begin, report.source, report.station))
+
+    def logged(self, log: Log) -> None:
+        starts, stations, ends, *rest = tables.doings(log.intervals)
+        self.told.doings.extend(zip(starts.tolist(), stations.tolist(), ends.tolist(), *rest, strict=True))
+        self._sent.extend(zip(*tables.transmissions(log.transmissions, log.carried, False), strict=True))
+        rows = list(zip(*tables.receptions(log.receptions), strict=True))
+        self._heard.extend(rows)
+        for time, source, receiver, power_dbm, sinr_db, outcome, part in rows:
+            assert (power_dbm, sinr_db, part) == (None, None, "")
+            self.told.receptions.append((int(time), int(source), int(receiver), outcome))
 
     def _add(self, begin: Time, source: Address, destination: Address, kind: int, duration: Time) -> None:
         self.told.frames.append((begin, begin + int(duration), source, destination, KINDS[kind]))

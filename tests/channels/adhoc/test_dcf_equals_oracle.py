@@ -1,11 +1,16 @@
-"""The event-driven DCF against the model that looks at every station every microsecond: frame for frame."""
+"""The event-driven DCF against the model that looks at every station every microsecond: frame for frame.
+
+So are the rows of its tables, and what follows from them of carrier sense.
+"""
 
 from collections import Counter
 from collections.abc import Callable
 
 import pytest
 
+from cosim.channels.adhoc.log import OUTCOMES, STATES
 from tests.channels.adhoc.dcf_cases import drawn, fast, slow
+from tests.oracles.dcf import BUSY, NAV
 from tests.tiers import soak_count
 
 
@@ -19,10 +24,14 @@ def test_the_dcf_equals_the_oracle_and_everything_occurs() -> None:
         seen.update(kind for *_, kind in told.frames)
         seen.update("acknowledged" if done else "dropped" for _, done in told.done.values())
         seen["received"] += len(told.received)
+        seen.update(state for *_, state, _ in told.doings)
+        seen.update(outcome for *_, outcome in told.receptions)
+        seen.update(what for *_, what in told.silences)
         begins = Counter(begin for begin, *_ in told.frames)
         seen["in one slot"] += sum(count > 1 for count in begins.values())
         seen["bianchi"] += case.options.bianchi_counting
-    wanted = ("DATA", "ACK", "RTS", "CTS", "acknowledged", "dropped", "received", "in one slot", "bianchi")
+    wanted = {"DATA", "ACK", "RTS", "CTS", "acknowledged", "dropped", "received", "in one slot", "bianchi"}
+    wanted |= {*STATES, *OUTCOMES, BUSY, NAV}
     assert all(seen[what] >= 20 for what in wanted), seen
 
 

@@ -31,6 +31,7 @@ from cosim.channels.adhoc.routing.aodv_wire import (
 )
 from cosim.channels.adhoc.routing.flooding import Seen
 from cosim.channels.adhoc.routing.ip import Datagram
+from cosim.channels.adhoc.routing.watch import RouteWatch
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import MS, Time
@@ -60,6 +61,14 @@ class Control(Output):
         self._engaged_until: Time = -1
         if settings.use_hello and settings.hello_always:
             self._plan_hello(now + self._draw(self.times.hello))
+
+    def be_watched(self, watch: RouteWatch | None) -> None:
+        """Tell *watch* of all routes from now on."""
+        self.table.watch = watch
+
+    def settle(self, now: Time) -> None:
+        """Tell who watches of routes that are over."""
+        self.table.settle(now)
 
     # ------------------------------------------------------------ what comes in
 

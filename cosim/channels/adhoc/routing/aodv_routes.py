@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
+from cosim.channels.adhoc.routing.watch import RouteWatch
 from cosim.machine import Address
 from cosim.units import Time
 
@@ -59,6 +60,8 @@ class RouteTable:
         """Destinations whose routes were over when they were taken; they last until the next ``age``."""
         self._enough = ENOUGH
         """Number of entries at which those that are over are looked for and forgotten."""
+        self.watch: RouteWatch | None = None
+        """Who is told of active routes."""
 
     def age(self, now: Time) -> None:
         """End routes whose time has come, and forget those that ended long ago."""
@@ -72,7 +75,7 @@ class RouteTable:
         if route is None or route.until > self._now or destination in self._short:
             return route
         if route.active:
-            self._end(route, route.until)
+            self._end(destination, route, route.until)
             if route.until > self._now:
                 return route
         del self._routes[destination]
@@ -108,6 +111,7 @@ class RouteTable:
         ):
             route.next_hop, route.hops, route.sequence, route.known = next_hop, hops, sequence, True
             route.active, route.until = True, until
+            self._tell(destination, route)
         else:
             return False
         if until <= self._now:
@@ -131,6 +135,7 @@ class RouteTable:
         else:
             route.known = route.known and route.active
             route.next_hop, route.hops, route.active, route.until = neighbour, 1, True, until
+            self._tell(neighbour, route)
         if route.until <= self._now:
             self._short.add(neighbour)
         known = route.sequence
@@ -154,9 +159,18 @@ class RouteTable:
         """End the active route to *destination*; its sequence number becomes the *reported* one if that is newer."""
         route = self.active(destination)
         assert route is not None
-        self._end(route, now, reported)
+        self._end(destination, route, now, reported)
 
-    def _end(self, route: Route, at: Time, reported: int | None = None) -> None:
+    def settle(self, now: Time) -> None:
+        """Tell who watches of routes that are over; the table notices when they are asked for."""
+        if self.watch is not None:
+            for destination, route in self._routes.items():
+                if route.active and route.until <= now:
+                    self.watch.end(destination, route.until)
+
+    def _end(self, destination: Address, route: Route, at: Time, reported: int | None = None) -> None:
+        if self.watch is not None:
+            self.watch.end(destination, at)
         if route.sequence is not None:
             if reported is not None and newer(reported, route.sequence):
                 route.sequence = reported
@@ -170,3 +184,9 @@ class RouteTable:
                 self.get(each)
             self._enough = max(ENOUGH, 2 * len(self._routes))
         self._routes[destination] = route
+        self._tell(destination, route)
+
+    def _tell(self, destination: Address, route: Route) -> None:
+        """Tell who watches of a route that is another than before."""
+        if self.watch is not None:
+            self.watch.take(destination, route.next_hop, route.hops, self._now)

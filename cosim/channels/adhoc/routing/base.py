@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.ip import HEADER_OCTETS
+from cosim.channels.adhoc.routing.watch import RouteWatch
 from cosim.machine import Address, Outcome
 from cosim.protocol import Metric
 from cosim.units import Time
@@ -102,6 +103,12 @@ class Router(Protocol):
     def unsent(self) -> list[Unsent]:
         """Drain the host's payloads, with a token or without, that it could not send at all."""
 
+    def be_watched(self, watch: RouteWatch | None) -> None:
+        """Tell *watch*, which knows of none yet, of all routes from now on; None: no longer."""
+
+    def settle(self, now: Time) -> None:
+        """Tell who watches of routes that are over, which is not noticed before they are wanted."""
+
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""
 
@@ -115,6 +122,14 @@ class Queues:
         self._deliveries: list[Delivery] = []
         self._fates: list[tuple[int, Outcome]] = []
         self._unsent: list[Unsent] = []
+        self._watch: RouteWatch | None = None
+
+    def be_watched(self, watch: RouteWatch | None) -> None:
+        """Tell *watch* of all routes from now on."""
+        self._watch = watch
+
+    def settle(self, now: Time) -> None:
+        """Tell of routes that are over: most routers notice that themselves."""
 
     @property
     def left(self) -> bool:

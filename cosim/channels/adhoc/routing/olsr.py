@@ -273,6 +273,7 @@ class Olsr(Queues):
         self._report_fate(sent.token, Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED)
         if not acknowledged and self._settings.use_mac_feedback:
             self._counts["links_broken"] += self._neighbours.broken(sent.neighbour, now)
+            self._tell_routes(now)
 
     def hop_refused(self, token: int, now: Time) -> None:
         """Report that a payload has not been on the air; that breaks no link."""
@@ -334,6 +335,7 @@ class Olsr(Queues):
             if message.kind == TC:
                 self._topology.update(message.origin, decode_tc(message.body), now + message.validity, now)
             self._forward(message, hop, now)
+        self._tell_routes(now)
 
     def _forward(self, message: Message, hop: Address, now: Time) -> None:
         """Have *message* repeated by the rules of section 3.4.1."""
@@ -360,6 +362,7 @@ class Olsr(Queues):
         messages += self._queue
         self._queue, self._queue_at = [], None
         self._emit(messages)
+        self._tell_routes(now)
 
     def _hello(self, now: Time) -> Message:
         settings = self._settings
@@ -423,7 +426,14 @@ class Olsr(Queues):
             self._table = routing_table(
                 self._address, known.willingness, known.reach, known.selectors, self._topology.pairs()
             )
+            if self._watch is not None:
+                self._watch.take_all(self._table, now)
         return self._table
+
+    def _tell_routes(self, now: Time) -> None:
+        """Tell who watches of routes, where they may be others than before, and all that has expired is forgotten."""
+        if self._watch is not None:
+            self.routes(now)
 
     def relays(self, now: Time) -> frozenset[Address]:
         """Return the robots that this one has chosen as its multipoint relays."""
