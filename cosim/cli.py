@@ -102,7 +102,13 @@ def commands() -> None:
 @click.argument("scenario")
 @click.option("--seed", type=SEED, help="Instead of the scenario's own.")
 @SETS
-@click.option("--trace", "trace", type=click.Path(file_okay=False, path_type=Path), help="Write the tables there.")
+@click.option(
+    "--trace",
+    "trace",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Write the tables there: poses, what was on the air (frames, transmissions, receptions, unsent), what lasts "
+    "(intervals: links, crashes, jammers ...), and what machines get and report (messages, links, events, calls).",
+)
 @click.option(
     "--pcapng",
     type=click.Path(dir_okay=False, path_type=Path),

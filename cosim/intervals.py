@@ -16,7 +16,7 @@ from cosim.units import Time
 HOST: Final = -1
 """The radio of an interval that is about the robot itself."""
 JAMMER: Final[Address] = -1
-"""The robot of an interval that is about a jammer."""
+"""The robot of an interval that is about none: about a jammer, or a wall of loss."""
 
 STATES: Final[dict[str, str]] = {
     "hold": "Bluetooth: a link is on hold; slave= at its master, master= at its slave",
@@ -26,7 +26,6 @@ STATES: Final[dict[str, str]] = {
     "inquiry_response": "Bluetooth: has heard the ID of an inquiry, and answers, or waits for another to answer",
     "inquiry_scan": "Bluetooth: listens to inquiries, a window a row; window= is 1 or 2 if it is interlaced",
     "master": "Bluetooth: has a link to slave=, whose logical transport address is lt_addr=",
-    "off": "the radio is switched off",
     "page": "Bluetooth: sends the IDs of one train of a page to peer=, and listens in between; the rest as of inquiry",
     "page_response": "Bluetooth: has been answered by peer= (role=master), or heard its page (role=slave), and makes a "
     "link to it",
@@ -40,8 +39,24 @@ STATES: Final[dict[str, str]] = {
     "difs": "802.11: the medium is idle, and a frame or back-off waits for the interframe space to pass",
     "eifs": "802.11: the same after a frame that could not be read, when the space is longer (EIFS)",
     "route": "a router has a route to a robot: over which neighbour as next hop, and how many hops it takes",
+    # of radios, over any channel
+    "link": "over a channel that only plays links: it has one to the robot peer, in this role",
+    "off": "the radio is switched off",
+    # of radios, optical
+    "occluded": "a payload of the robot peer is on the air for it, and there is no line of sight",
+    "on_air": "a payload of it is on the air; of a run under way only, and afterwards a row of transmissions",
+    # of robots, radio -1
+    "camera_off": "a fault keeps its camera off",
+    "clock_stepped": "its clock is not the true time, but by_ns ahead of it",
+    "crashed": "a fault has stopped its host, which boots again at the end",
+    "frozen": "a fault keeps it from moving",
+    "killed": "a fault has killed it; the end is that of the run",
+    # of no robot, robot -1 and radio -1
+    "jammer": "the jammer that is the scenario's fault number fault, from 0, is on the air for the nth time, from 0; "
+    "channels as ranges of RF channels; radio names the radios that it is meant for, unless it is for all",
+    "wall": "the wall of loss that is the scenario's fault number fault stands for the nth time; radio as for jammers",
 }
-"""All states, with their meanings."""
+"""All states, with their meanings, by what they are of."""
 
 
 class Interval(NamedTuple):
@@ -86,6 +101,12 @@ class Intervals:
         start = self._open.pop((robot, state, detail), None)
         if start is not None:
             self.add(robot, start, now, state, detail)
+
+    def end_all(self, robot: Address, now: Time) -> None:
+        """Close all intervals of *robot*."""
+        for of, state, detail in list(self._open):
+            if of == robot:
+                self.end(of, state, now, detail)
 
     def under_way(self, now: Time) -> list[Interval]:
         """Return the intervals that are open *now*."""

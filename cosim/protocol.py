@@ -183,5 +183,11 @@ class ProtocolSpec:
 
     It is said in a run that is thrown away: nobody is to wait for the kernels that it needs.
     """
+    decode: Callable[[Any, int, bytes], Any] | None = None
+    """(parameters, team size, a payload) -> what it says, for who looks at a frame; WireError if it says nothing.
+
+    That is a NamedTuple, a dataclass, a pydantic model, a mapping or a text; :mod:`cosim.decoding` makes plain data of
+    it. The bytes may be any.
+    """
     page: WebPage | None = None
     """The page that the operator of such a run is shown; None if the protocol brings none."""

@@ -20,6 +20,7 @@ from cosim.errors import LocalProtocolError, UserError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
 from cosim.faults.settings import FrozenSettings, MovedSettings
+from cosim.intervals import Interval
 from cosim.kernel import DELIVER, WORLD, Kernel
 from cosim.machine import OPERATOR, Address, Command, GoTo, Machine, Reception
 from cosim.node import Node, Notices, Said
@@ -158,6 +159,14 @@ class Simulation:
                 self.kernel.run(until if self.attended else min(until, self.scenario.duration))
             self.over = self.over or (self.kernel.now >= self.scenario.duration and not self.attended)
         return self.over
+
+    def under_way(self) -> list[Interval]:
+        """Return what radios, robots and jammers are doing now: intervals that become rows when they are over.
+
+        There are none unless the trace wants the table ``intervals``.
+        """
+        now = self.kernel.now
+        return [*self.channel.under_way(now), *self.faults.under_way(now)]
 
     def operate(self, robot: Address, payload: bytes) -> None:
         """Hand *payload* to the machine of *robot* by the cable of its console, as soon as the run goes on.
@@ -306,6 +315,7 @@ class Simulation:
         simulated_s = to_seconds(now)
         self.channel.advance(now)
         self.channel.close(now)
+        self.faults.close(now)
         for death in self.faults.deaths(run_is_over=True):
             self.referee.died(death)
         metrics = {

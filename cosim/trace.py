@@ -104,7 +104,8 @@ TRANSMISSIONS: Final = Table(
 RECEPTIONS: Final = Table(
     "receptions",
     "what became of a transmission at a robot, a row for each that it was meant for, and each other that it disturbed "
-    "or informed",
+    "or informed; of what a robot sends at one instant over an ideal or optical channel in the order of transmissions, "
+    "if there is no jitter",
     (
         Field("time_ns", "int", "ns", "start of the frame"),
         Field("source", "int", "", "transmitter"),
@@ -120,9 +121,9 @@ INTERVALS: Final = Table(
     "what robots and their radios were doing, a row an interval; a robot may be in several at a time",
     (
         Field("start_ns", "int", "ns", "simulated time at which it began"),
-        Field("robot", "int", "", "address of the robot; -1 for a jammer"),
+        Field("robot", "int", "", "address of the robot; -1 for a jammer or a wall of loss"),
         Field("end_ns", "int", "ns", "simulated time at which it was over, or the run"),
-        Field("radio", "int", "", "which of its radios; -1 for the robot itself"),
+        Field("radio", "int", "", "which of its radios; -1 for the robot itself, and where the robot is -1"),
         Field("state", "str", "", "what it was doing, as listed below"),
         Field("detail", "str", "", "more about it, as words name=value"),
     ),

@@ -58,7 +58,7 @@ from cosim.machine import (
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.settings import Metres, Seconds
-from cosim.trace import FRAMES, Trace
+from cosim.trace import FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import Time, from_seconds
 
 _LOSS: Final = 1
@@ -146,9 +146,12 @@ class IdealChannel(Channel):
         self._on_since: list[Time] = [0] * size
         self._scanning = [True] * size
         self._paged: set[tuple[Address, Address]] = set()  # (master, slave)
+        self._linked: set[tuple[Address, Address]] = set()
+        """Those of them whose intervals are open."""
         self._under_way: dict[Time, list[_Flight]] = {}
         """Flights by their time of arrival."""
         self._events: list[tuple[Address, LinkEvent]] = []
+        self._transmissions_wanted, self._receptions_wanted = trace.wants(TRANSMISSIONS), trace.wants(RECEPTIONS)
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Deliver after the delay to whoever is in reach then, unless it is lost.
@@ -170,16 +173,30 @@ class IdealChannel(Channel):
         receivers = range(self.size) if destination == BROADCAST else (destination,)
         flight = _Flight(source, outgoing, self.kernel.now, self._numbers[source], receivers)
         self._numbers[source] += 1
+        duration = self.delay
         if not self._flaws.jitter_s:
-            self._launch(flight, self.delay)
+            self._launch(flight, duration)
         elif destination == BROADCAST:
             if outgoing.token is not None:  # its fate depends on no receiver
-                self._launch(flight._replace(receivers=()), self.delay)
+                self._launch(flight._replace(receivers=()), duration)
             for address in receivers:
                 if address != source:
-                    self._launch(flight._replace(receivers=(address,), reported=False), self._late(flight, address))
+                    late = self._late(flight, address)
+                    self._launch(flight._replace(receivers=(address,), reported=False), late)
+                    duration = max(duration, late)
         else:
-            self._launch(flight, self._late(flight, destination))
+            duration = self._late(flight, destination)
+            self._launch(flight, duration)
+        if self._transmissions_wanted:
+            self._write_transmission("IDEAL", flight.begin, source, outgoing, duration)
+
+    def _write_transmission(
+        self, kind: str, begin: Time, source: Address, outgoing: Outgoing, duration: Time, whole: bool = True
+    ) -> None:
+        """Write a row for a payload that is on its way for *duration*, to the last of its receivers."""
+        payload = outgoing.payload
+        plain = 0, 0, False, False, whole, payload.hex(), duration, -1, 0, len(payload)
+        self.trace.row(TRANSMISSIONS, begin, source, kind, outgoing.destination, *plain)
 
     def _launch(self, flight: _Flight, delay: Time) -> None:
         """Have *flight* arrive after *delay*: all that arrive at one instant are one event."""
@@ -212,6 +229,7 @@ class IdealChannel(Channel):
             case Page(peer=peer) if self._meet(source, peer) and self._scanning[peer]:
                 self._paged.discard((peer, source))
                 self._paged.add((source, peer))
+                self._note_links()
                 self._report((source, Connected(peer, Role.MASTER)), (peer, Connected(source, Role.SLAVE)))
             case Page(peer=peer):
                 self._report((source, PageFailed(peer)))
@@ -219,6 +237,7 @@ class IdealChannel(Channel):
                 self._scanning[source] = enabled
             case Disconnect(peer=peer) if self._meet(source, peer):
                 self._paged -= {(source, peer), (peer, source)}
+                self._note_links()
                 self._report((source, Lost(peer)), (peer, Lost(source)))
             case Hold(peer=peer) | Sniff(peer=peer) | Park(peer=peer) | Unpark(peer=peer):
                 mode = Mode.ACTIVE if self._meet(source, peer) else Mode.NONE  # links are never at rest
@@ -236,6 +255,7 @@ class IdealChannel(Channel):
             if pair in self._paged:
                 self._paged.remove(pair)
                 self._paged.add(pair[::-1])
+                self._note_links()
                 roles = (Role.SLAVE, Role.MASTER) if pair[0] == source else (Role.MASTER, Role.SLAVE)
                 self._report((source, RoleChanged(peer, roles[0])), (peer, RoleChanged(source, roles[1])))
                 return
@@ -256,9 +276,11 @@ class IdealChannel(Channel):
         """Switch a device on or off; the others lose a dead one at once."""
         lost_by = () if on else self.in_reach(address)
         self._on[address] = on
+        (self.intervals.end if on else self.intervals.begin)(address, "off", self.kernel.now)
         if on:  # it knows nothing of what was before
             self._on_since[address] = self.kernel.now
             self._paged = {pair for pair in self._paged if address not in pair}
+        self._note_links()
         self._report(*((a, Lost(address)) for a in lost_by))
 
     def summary(self) -> dict[str, float]:
@@ -292,6 +314,21 @@ class IdealChannel(Channel):
             if not self._meet(*pair):
                 self._paged.discard(pair)
                 self._report((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+        self._note_links()
+
+    def _note_links(self) -> None:
+        """Open and close the intervals of links that have come or gone: those of devices that are both on."""
+        if not self.intervals.wanted:
+            return
+        now = self.kernel.now
+        linked = {pair for pair in self._paged if self._on[pair[0]] and self._on[pair[1]]}
+        for pair, change in (
+            *((pair, self.intervals.end) for pair in sorted(self._linked - linked)),
+            *((pair, self.intervals.begin) for pair in sorted(linked - self._linked)),
+        ):
+            for robot, peer, role in ((*pair, Role.MASTER), (*pair[::-1], Role.SLAVE)):
+                change(robot, "link", now, f"peer={peer} role={role.value}")
+        self._linked = linked
 
     def _arrive(self, now: Time) -> None:
         """Deliver what arrives now to receivers that are in reach and do not lose it; report fates to the senders."""
@@ -328,14 +365,22 @@ class IdealChannel(Channel):
         self.deliver((), [item for item in events if self._on[item[0]]])
 
     def _record(self, flight: _Flight, there: Sequence[Address], heard: Sequence[Address]) -> None:
-        """Write a row for *flight*; one for every receiver if not all get the same."""
+        """Write a row for *flight*; one for every receiver if not all get the same, or receptions are wanted."""
+        if self._receptions_wanted:
+            for address in flight.receivers:
+                if address != flight.source:
+                    outcome = self._outcome(address, there, heard)
+                    self.trace.row(RECEPTIONS, flight.begin, flight.source, address, None, None, outcome, "")
         if not self._limited and self._chance is None:
             self._write(flight, flight.outgoing.destination, "received" if heard else "out_of_range")
             return
         for address in flight.receivers:
             if address != flight.source:
-                missed = "lost" if address in there else "out_of_range"
-                self._write(flight, address, "received" if address in heard else missed)
+                self._write(flight, address, self._outcome(address, there, heard))
+
+    @staticmethod
+    def _outcome(address: Address, there: Sequence[Address], heard: Sequence[Address]) -> str:
+        return "received" if address in heard else "lost" if address in there else "out_of_range"
 
     def _write(self, flight: _Flight, destination: Address, outcome: str) -> None:
         duration, length = self.kernel.now - flight.begin, len(flight.outgoing.payload)

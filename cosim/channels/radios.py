@@ -171,6 +171,7 @@ class RadiosChannel(Channel):
             for robot in range(self.size):
                 if robot not in carriers:
                     part.power(robot, False)
+                    part.intervals.end(robot, "off", kernel.now)  # it has no such radio
 
     @property
     def parts(self) -> tuple[Channel, ...]:

@@ -21,14 +21,17 @@ from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.channels.kinds import ChannelSettings, ChannelSpec
 from cosim.geometry.segments import PackedWalls
+from cosim.intervals import Interval
 from cosim.kernel import Handle, Kernel
 from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
 from cosim.settings import BitRate, Metres, Seconds
-from cosim.trace import FRAMES, Trace
+from cosim.trace import FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import S, Time
 from cosim.world.sight import look_again, seen_by_each
 
+_KIND: Final = "OPTICAL"
+"""Packet type of all its frames."""
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
@@ -63,7 +66,7 @@ class OpticalChannel(IdealChannel):
 
     def __init__(self, settings: OpticalSettings, kernel: Kernel, trace: Trace, size: int, walls: PackedWalls) -> None:
         super().__init__(IdealSettings(delay_s=settings.latency_s), kernel, trace, size)
-        self._frames_wanted = trace.wants(FRAMES)
+        self._rows_wanted = any(map(trace.wants, (FRAMES, TRANSMISSIONS, RECEPTIONS)))
         self._all_on = True
         self._walls = walls
         self._range_m = settings.range_m or float("inf")
@@ -83,6 +86,8 @@ class OpticalChannel(IdealChannel):
         self._looks = 0
         """Number of times that it has changed, or may have."""
         self._missed = 0
+        self._occluded: set[tuple[Address, Address]] = set()
+        """(receiver, sender) of whom a payload is on the air while there is no line of sight; if that is wanted."""
 
     def moved(self, positions_m: Positions) -> None:
         """Note that lines of sight have changed; links between robots that no longer see each other are lost."""
@@ -90,6 +95,8 @@ class OpticalChannel(IdealChannel):
         self._looks += 1
         if self._paged:
             self._lose_links()
+        if self._in_flight and self.intervals.wanted:
+            self._note_occlusions()
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; those in sight lose a dead one at once."""
@@ -110,8 +117,10 @@ class OpticalChannel(IdealChannel):
                 for flight in [flight for flight in flights if flight.source == source]:
                     flights.remove(flight)
                     self._missed += len(flight.audience)
-                    if self._frames_wanted:
-                        self._note(source, flight.outgoing, flight.begin, flight.audience, ())
+                    if self._rows_wanted:
+                        self._note(flight, (), whole=False)
+        if self._occluded:
+            self._note_occlusions()
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return all other devices in sight that are switched on, if this one is."""
@@ -162,7 +171,8 @@ class OpticalChannel(IdealChannel):
         """Deliver what arrives now to robots that are still in sight, and report fates to the senders."""
         arrivals: list[Arrival] = []
         events: list[tuple[Address, LinkEvent]] = []
-        for source, outgoing, begin, looks, audience in self._in_flight.pop(arrival):
+        for flight in self._in_flight.pop(arrival):
+            source, outgoing, begin, looks, audience = flight
             to_all = outgoing.destination == BROADCAST
             heard = audience
             if looks != self._looks:  # robots have moved meanwhile, or devices have been switched
@@ -172,25 +182,54 @@ class OpticalChannel(IdealChannel):
             reception, payload = self._receptions[source, to_all], outgoing.payload
             for address in heard:
                 arrivals.append((address, payload, reception))
-            if self._frames_wanted:
-                self._note(source, outgoing, begin, audience, heard)
+            if self._rows_wanted:
+                self._note(flight, heard)
             if outgoing.token is not None and self._knows_of(source, begin):
                 fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
                 events.append((source, Fate(outgoing.token, fate)))
+        if self._occluded:
+            self._note_occlusions()
         self.deliver(arrivals, events)
 
-    def _note(
-        self,
-        source: Address,
-        outgoing: Outgoing,
-        begin: Time,
-        audience: Sequence[Address],
-        heard: Sequence[Address],
-    ) -> None:
+    def _note(self, flight: _Flight, heard: Sequence[Address], whole: bool = True) -> None:
+        """Write the rows of a flight that is over, of which some have *heard*; its sender was on if it is *whole*."""
+        source, outgoing, begin, _, audience = flight
         duration, length = self.kernel.now - begin, len(outgoing.payload)
+        if self._transmissions_wanted:
+            self._write_transmission(_KIND, begin, source, outgoing, duration, whole)
         for address in audience:
             outcome = "received" if address in heard else "out_of_range"
-            self.trace.row(FRAMES, begin, source, address, duration, "OPTICAL", -1, 0, length, outcome, "")
+            self.trace.row(FRAMES, begin, source, address, duration, _KIND, -1, 0, length, outcome, "")
+            self.trace.row(RECEPTIONS, begin, source, address, None, None, outcome, "")
+
+    def _note_occlusions(self) -> None:
+        """Open and close the intervals in which robots do not see a sender whose payload is on the air for them."""
+        sight, now = self._sight(), self.kernel.now
+        flights = (flight for flights in self._in_flight.values() for flight in flights)
+        occluded = {(a, flight.source) for flight in flights for a in flight.audience if a not in sight[flight.source]}
+        for receiver, source in sorted(self._occluded - occluded):
+            self.intervals.end(receiver, "occluded", now, f"peer={source}")
+        for receiver, source in sorted(occluded - self._occluded):
+            self.intervals.begin(receiver, "occluded", now, f"peer={source}")
+        self._occluded = occluded
+
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return what its radios are doing *now*, and the payloads that are on the air."""
+        flights = (flight for flights in self._in_flight.values() for flight in flights)
+        sending = (
+            Interval(flight.begin, flight.source, now, 0, "on_air", f"destination={flight.outgoing.destination}")
+            for flight in flights
+        )
+        return [*super().under_way(now), *(sending if self.intervals.wanted else ())]
+
+    def close(self, now: Time) -> None:
+        """Write the intervals that are not over, and the payloads that are on the air: the run is over."""
+        super().close(now)
+        if not self._transmissions_wanted:
+            return
+        for arrival, flights in self._in_flight.items():
+            for flight in flights:
+                self._write_transmission(_KIND, flight.begin, flight.source, flight.outgoing, arrival - flight.begin)
 
     def summary(self) -> dict[str, float]:
         """Return how many payloads were sent, and how often a robot in sight did not get one."""

@@ -1,16 +1,18 @@
 """Faults of the air: jammers, and walls of loss. They belong to no robot, so their events have none."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from itertools import islice
+from itertools import count, islice
 from typing import Final
 
 from cosim.channels.base import Channel
+from cosim.channels.jamming import PULSED, SWEEPING
 from cosim.channels.propagation import Barrier
 from cosim.errors import UserError
 from cosim.faults.events import JammerOff, JammerOn, WallDown, WallUp
-from cosim.faults.instants import Agenda, Span, lasting
+from cosim.faults.instants import Agenda, Happening, Span, lasting
 from cosim.faults.settings import JammerSettings, WallSettings
+from cosim.intervals import JAMMER, Intervals
 from cosim.kernel import Kernel
 from cosim.trace import Trace
 from cosim.units import Time
@@ -26,11 +28,12 @@ class AirFaults:
     Where robots have several radios, it is the channels of those that a fault names, or of all that take it.
     """
 
-    def __init__(self, kernel: Kernel, agenda: Agenda, channel: Channel, trace: Trace) -> None:
+    def __init__(self, kernel: Kernel, agenda: Agenda, channel: Channel, trace: Trace, intervals: Intervals) -> None:
         self._kernel = kernel
         self._agenda = agenda
         self._channel = channel
         self._trace = trace
+        self._intervals = intervals
         self._barriers: dict[Channel, list[Barrier]] = {part: [] for part in channel.parts}
 
     def jam(self, number: int, fault: JammerSettings, spans: Iterable[Span], run_end: Time) -> None:
@@ -50,8 +53,14 @@ class AirFaults:
                 part.jam(jammer)
 
         self._willing(fault.radio, jam)
-        on, off = partial(self._note, JammerOn(number)), partial(self._note, JammerOff(number))
-        self._agenda.enter(number, (lasting(span, on, off) for span in known))
+        details = _details(number, _jammer_words(fault))
+
+        def happenings() -> Iterator[Happening]:
+            for span, detail in zip(known, details, strict=False):
+                on, off = (partial(self._switch, number, detail, begins) for begins in (True, False))
+                yield lasting(span, on, off)
+
+        self._agenda.enter(number, happenings())
 
     def obstruct(self, number: int, fault: WallSettings, spans: Iterable[Span]) -> None:
         """Have the wall that is fault *number* in the way at *spans*; raise UserError if no radio could notice it."""
@@ -63,8 +72,14 @@ class AirFaults:
 
         parts = self._willing(fault.radio, ask)
         barrier = Barrier(*fault.from_m, *fault.to_m, fault.loss_db)
-        up, down = (partial(self._wall, number, parts, barrier, stands) for stands in (True, False))
-        self._agenda.enter(number, (lasting(span, up, down) for span in spans))
+        details = _details(number, _wall_words(fault))
+
+        def happenings() -> Iterator[Happening]:
+            for span, detail in zip(spans, details, strict=False):
+                up, down = (partial(self._wall, number, parts, barrier, detail, stands) for stands in (True, False))
+                yield lasting(span, up, down)
+
+        self._agenda.enter(number, happenings())
 
     def _willing(self, radio: int | None, act: Callable[[Channel], None]) -> list[Channel]:
         """Return for which channels of *radio*, or of all, *act* raises no UserError; raise its first if for none."""
@@ -82,8 +97,13 @@ class AirFaults:
             raise errors[0]
         return willing
 
-    def _wall(self, number: int, parts: Sequence[Channel], barrier: Barrier, stands: bool) -> None:
+    def _switch(self, number: int, detail: str, begins: bool) -> None:
+        self._note(JammerOn(number) if begins else JammerOff(number))
+        self._note_interval("jammer", detail, begins)
+
+    def _wall(self, number: int, parts: Sequence[Channel], barrier: Barrier, detail: str, stands: bool) -> None:
         self._note(WallUp(number) if stands else WallDown(number))
+        self._note_interval("wall", detail, stands)
         for part in parts:
             barriers = self._barriers[part]
             if stands:
@@ -94,3 +114,46 @@ class AirFaults:
 
     def _note(self, event: object) -> None:
         self._trace.event(self._kernel.now, NOBODY, event)
+
+    def _note_interval(self, state: str, detail: str, begins: bool) -> None:
+        (self._intervals.begin if begins else self._intervals.end)(JAMMER, state, self._kernel.now, detail)
+
+
+# ---------------------------------------------------------------- details of their intervals
+
+
+def _details(number: int, words: str) -> Iterator[str]:
+    """Yield the detail of each interval of the fault *number*; those that overlap differ."""
+    return (f"fault={number} nth={nth} {words}" for nth in count())
+
+
+def _jammer_words(fault: JammerSettings) -> str:
+    jammer = fault.jammer(0, 0)
+    words = [f"x_m={jammer.x_m}", f"y_m={jammer.y_m}", f"power_dbm={jammer.power_dbm}"]
+    words += [f"channels={_ranges(jammer.channels)}", f"mode={fault.mode}"]
+    if jammer.mode == SWEEPING:
+        words.append(f"dwell_ns={jammer.dwell}")
+    elif jammer.mode == PULSED:
+        words += [f"on_ns={jammer.on}", f"period_ns={jammer.period}"]
+    return " ".join(words + _radio_words(fault.radio))
+
+
+def _wall_words(fault: WallSettings) -> str:
+    (x1, y1), (x2, y2) = fault.from_m, fault.to_m
+    words = [f"x1_m={x1}", f"y1_m={y1}", f"x2_m={x2}", f"y2_m={y2}", f"loss_db={fault.loss_db}"]
+    return " ".join(words + _radio_words(fault.radio))
+
+
+def _radio_words(radio: int | None) -> list[str]:
+    return [] if radio is None else [f"radio={radio}"]
+
+
+def _ranges(channels: Sequence[int]) -> str:
+    """Return *channels*, in their order, with those that follow each other as ranges: 0-3,7,5."""
+    ranges: list[list[int]] = []
+    for channel in channels:
+        if ranges and channel == ranges[-1][-1] + 1:
+            ranges[-1][1:] = [channel]
+        else:
+            ranges.append([channel])
+    return ",".join("-".join(map(str, ends)) for ends in ranges)

@@ -55,6 +55,7 @@ from cosim.faults.settings import (
     RadioOffSettings,
     WallSettings,
 )
+from cosim.intervals import HOST, Interval, Intervals
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import Address, Drive, Machine, Scan
 from cosim.node import Node
@@ -99,6 +100,7 @@ class Faults:
         """Robots that have died."""
         self.blind: set[Address] = set()
         """Robots whose cameras are off."""
+        self._intervals = Intervals(trace, HOST)
         self._settings = settings
         self._kernel = kernel
         self._trace = trace
@@ -121,7 +123,7 @@ class Faults:
         Raise UserError for a jammer or a wall on a channel that has no radio.
         """
         agenda = Agenda(self._kernel)
-        air = AirFaults(self._kernel, agenda, self._channel, self._trace)
+        air = AirFaults(self._kernel, agenda, self._channel, self._trace, self._intervals)
         for number, fault in enumerate(self._settings):
             if isinstance(fault, BatterySettings):
                 self._supply(fault)
@@ -163,6 +165,14 @@ class Faults:
         rested = [robot for robot in sorted(self._coasting) if run_is_over or self._fleet.rests(robot)]
         return [self._death(robot, self._coasting.pop(robot)) for robot in rested]
 
+    def under_way(self, now: Time) -> list[Interval]:
+        """Return what faults are doing to robots, and on the air, *now*: for who watches a run."""
+        return self._intervals.under_way(now)
+
+    def close(self, now: Time) -> None:
+        """Write the intervals that are not over: the run is."""
+        self._intervals.close(now)
+
     @property
     def reboots_pending(self) -> bool:
         """Whether a host is down that will boot again."""
@@ -175,6 +185,9 @@ class Faults:
     def _note(self, robot: Address, event: object) -> None:
         self._trace.event(self._kernel.now, robot, event)
 
+    def _note_interval(self, robot: Address, state: str, begins: bool, detail: str = "") -> None:
+        (self._intervals.begin if begins else self._intervals.end)(robot, state, self._kernel.now, detail)
+
     # ------------------------------------------------------------ hosts
 
     def kill(self, robot: Address) -> None:
@@ -184,6 +197,8 @@ class Faults:
         self.killed += 1
         self._note(robot, Killed())
         self._dead.add(robot)
+        self._intervals.end_all(robot, self._kernel.now)
+        self._note_interval(robot, "killed", True)
         self._down.discard(robot)
         self._stop(robot)
         self._coasting[robot] = self._kernel.now
@@ -195,6 +210,7 @@ class Faults:
 
     def _crash(self, robot: Address, down: bool) -> None:
         self._note(robot, Crashed() if down else Rebooted())
+        self._note_interval(robot, "crashed", down)
         if down:
             self._down.add(robot)
             self._stop(robot)
@@ -209,7 +225,11 @@ class Faults:
     def _step_clock(self, robot: Address, by: Time) -> None:
         if robot in self._dead:
             return
-        self._note(robot, ClockStepped(self._nodes[robot].step_clock(by, self._kernel.now)))
+        node = self._nodes[robot]
+        self._note_interval(robot, "clock_stepped", False, f"by_ns={node.clock_offset}")
+        self._note(robot, ClockStepped(node.step_clock(by, self._kernel.now)))
+        if node.clock_offset:
+            self._note_interval(robot, "clock_stepped", True, f"by_ns={node.clock_offset}")
 
     # ------------------------------------------------------------ what begins and ends
 
@@ -229,6 +249,7 @@ class Faults:
                 self._camera(robot, begins)
             case "frozen":
                 self._note(robot, Frozen() if begins else Thawed())
+                self._note_interval(robot, "frozen", begins)
                 self._fleet.freeze(robot, begins)
 
     def _radio(self, robot: Address, radio: int | None, off: bool) -> None:
@@ -258,6 +279,7 @@ class Faults:
 
     def _camera(self, robot: Address, off: bool) -> None:
         self._note(robot, CameraOff() if off else CameraOn())
+        self._note_interval(robot, "camera_off", off)
         (self.blind.add if off else self.blind.remove)(robot)
         if self._senses is not None:
             self._senses.blind(robot, off)

@@ -22,6 +22,7 @@ from cosim.settings import Period, Settings
 from cosim.units import Time, from_seconds, to_seconds
 from protocols.detection.detectors import DetectorSettings, FixedTimeoutSettings, make_detector
 from protocols.detection.incarnations import Watch
+from protocols.transport.decoding import decode_all
 from protocols.transport.parameters import TransportParameters
 from protocols.transport.transport import Transport
 from protocols.wire import BadBytes
@@ -173,4 +174,5 @@ SPEC = ProtocolSpec(
     ),
     measure=lambda machines: {},  # what machines count themselves: nothing here
     events=(Follows, BadBytes),
+    decode=lambda parameters, size, data: decode_all(data, lambda body: {"status": STATUS.unpack(body.payload)}),
 )

@@ -3,11 +3,13 @@
 from typing import Any
 
 from cosim.arrays import Floats
-from cosim.errors import UserError
+from cosim.errors import UserError, WireError
 from cosim.machine import Address
 from cosim.protocol import ProtocolSpec, Referee, Surroundings, anywhere
 from cosim.units import Time
-from protocols.agents.machine import AgentMachine, Parameters
+from protocols.agents.machine import TOPIC, AgentMachine, Parameters
+from protocols.transport.decoding import TransportFrame, decode_all
+from protocols.transport.frames import Part, Publication
 from protocols.transport.links import MOST_ROBOTS
 from protocols.wire import BadBytes
 
@@ -37,6 +39,18 @@ def make(parameters: Parameters, size: int, me: Address, stream: Any, start: Tim
     return AgentMachine(parameters, size, me, start)
 
 
+def decode(parameters: Parameters, size: int, data: bytes) -> TransportFrame:
+    """Return the frame that *data* is, with the message in it; raise WireError if it is none."""
+
+    def message(body: Part | Publication) -> dict[str, str]:
+        octets = parameters.message_octets
+        if not isinstance(body, Publication) or body.topic != TOPIC or len(body.payload) != octets:
+            raise WireError(f"agents publish {octets} bytes of topic {TOPIC}")
+        return {"message": body.payload.hex()}
+
+    return decode_all(data, message)
+
+
 SPEC = ProtocolSpec(
     name="agents",
     about="Robots do what a policy outside orders at every step: cosim.env makes an environment of them.",
@@ -48,5 +62,6 @@ SPEC = ProtocolSpec(
     metrics=(),
     measure=lambda machines: {},
     events=(BadBytes,),
+    decode=decode,
     needs_view=True,
 )

@@ -13,6 +13,7 @@ from cosim.protocol import ProtocolSpec, Surroundings, check_cells
 from cosim.randomness import Streams
 from cosim.units import Time, from_seconds
 from protocols.aggregation.events import EVENTS
+from protocols.aggregation.frames import decode
 from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
 from protocols.aggregation.host import Host
 from protocols.aggregation.metrics import METRICS, SearchReferee, measure
@@ -191,6 +192,7 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=measure,
     events=EVENTS,
+    decode=lambda parameters, size, data: dict(zip(("sender", "message"), decode(data), strict=True)),
     team_limit=TEAM_LIMIT,
     succeed=succeed,
     needs_sight=True,

@@ -6,20 +6,24 @@ from typing import Final
 
 import numpy as np
 
-from cosim.errors import UserError
+from cosim.errors import UserError, WireError
 from cosim.machine import Address
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.deployment.driving.exploring import EVENTS as EXPLORING_EVENTS
 from protocols.deployment.localization import positioning
+from protocols.deployment.messages import messages, status
 from protocols.deployment.operator.page import PAGE
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
-from protocols.deployment.runner import Runner
+from protocols.deployment.runner import MAP_TOPICS, Runner
 from protocols.deployment.setup import Setup, setup_of
 from protocols.deployment.tasks.events import EVENTS, PlanRefused
 from protocols.deployment.tasks.plan import Place
+from protocols.mapping import frames
 from protocols.motion.floor import Floor
+from protocols.transport.decoding import TransportFrame, decode_all
+from protocols.transport.frames import Part, Publication
 from protocols.transport.links import MOST_ROBOTS
 
 TEAM_LIMIT: Final = 64  # frames hold addresses in a byte, and the page has been tried with no more
@@ -135,6 +139,24 @@ def measure(machines: Sequence[Runner]) -> dict[str, float]:
     }
 
 
+def decode(parameters: Parameters, size: int, data: bytes) -> TransportFrame:
+    """Return the frame that *data* is in a team of *size*, with the letter, status or map in it.
+
+    Raise WireError if it is none.
+    """
+
+    def content(body: Part | Publication) -> object:
+        if isinstance(body, Part):
+            return messages.decode(body.payload, size)
+        if body.topic in MAP_TOPICS:
+            return frames.decode_all(body.payload)
+        if body.topic != status.TOPIC:
+            raise WireError(f"news of topic {body.topic}")
+        return status.decode(body.payload, size)
+
+    return decode_all(data, content)
+
+
 SPEC = ProtocolSpec(
     name="deployment",
     about="A person calls plays: a planner tailors them, and robots of different kinds take up places in turns.",
@@ -146,6 +168,7 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=measure,
     events=(*EVENTS, *positioning.EVENTS, *EXPLORING_EVENTS),
+    decode=decode,
     notices=(PlanRefused,),
     team_limit=TEAM_LIMIT,
     succeed=succeed,

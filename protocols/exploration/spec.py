@@ -18,6 +18,7 @@ from protocols.exploration.parameters import Parameters
 from protocols.exploration.positioning import EVENTS as POSITIONING_EVENTS
 from protocols.exploration.referee import CoverageReferee
 from protocols.exploration.setup import Setup, prepare
+from protocols.mapping.frames import decode_all
 from protocols.wire import BadBytes
 
 TEAM_LIMIT: Final = 256
@@ -125,6 +126,7 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=measure,
     events=(*EVENTS, BadBytes, *POSITIONING_EVENTS),
+    decode=lambda parameters, size, data: decode_all(data),
     team_limit=TEAM_LIMIT,
     needs_sight=True,
     needs_view=True,

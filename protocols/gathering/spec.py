@@ -120,5 +120,6 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=pseudonet.measure,
     events=EVENTS,
+    decode=pseudonet.decode,
     team_limit=pseudonet.TEAM_LIMIT,
 )

@@ -146,6 +146,24 @@ def _summary(body: bytes) -> Summary:
     return Summary(x_m, y_m, tuple(Entry(Stream(author, since), count, by) for author, since, count, by in entries))
 
 
+class Run(NamedTuple):
+    """Neighbours in a row of a map that are in the same state."""
+
+    first: int
+    """The first cell."""
+    cells: int
+    occupied: bool
+
+
+def decode_all(data: bytes) -> dict[str, object]:
+    """Return the sender and the message, with the runs of a piece, for who looks at it; raise WireError for others."""
+    sender, message = decode(data)
+    if isinstance(message, Summary):
+        return {"sender": sender, "summary": message}
+    runs = [Run(word >> 10, (word & LONGEST - 1) + 1, bool(word & _OCCUPIED)) for word in message.runs.tolist()]
+    return {"sender": sender, "piece": message._asdict() | {"runs": runs}}
+
+
 # ---------------------------------------------------------------- runs
 
 

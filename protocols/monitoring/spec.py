@@ -17,6 +17,7 @@ from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.protocol import Death, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.units import Time, to_seconds
+from protocols.monitoring.heartbeats import decode
 from protocols.monitoring.machine import EVENTS, Monitor, Parameters
 
 TEAM_LIMIT: Final = 1 << 16
@@ -124,5 +125,6 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=measure,
     events=EVENTS,
+    decode=lambda parameters, size, data: decode(data),
     team_limit=TEAM_LIMIT,
 )

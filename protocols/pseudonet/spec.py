@@ -10,6 +10,7 @@ from cosim.geometry.grids import CoverageGrid, coverage_grid
 from cosim.machine import Address
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
+from protocols.pseudonet import messages, wide
 from protocols.pseudonet.algorithms.base import Algorithm
 from protocols.pseudonet.algorithms.oscard import Oscard
 from protocols.pseudonet.algorithms.planned import Planned
@@ -18,7 +19,7 @@ from protocols.pseudonet.coordination import Coordination
 from protocols.pseudonet.coverage import CoverageReferee
 from protocols.pseudonet.events import EVENTS
 from protocols.pseudonet.machine import Pseudonet
-from protocols.pseudonet.messages import MESSAGE_KINDS
+from protocols.pseudonet.messages import MESSAGE_KINDS, Packet
 from protocols.pseudonet.parameters import Parameters, TeamParameters, timing
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
@@ -168,6 +169,11 @@ def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) ->
     return CoverageReferee(setup)
 
 
+def decode(parameters: TeamParameters, size: int, data: bytes) -> Packet | dict[str, object]:
+    """Return the packet that *data* is in a team of *size*; raise WireError if it is none."""
+    return messages.decode(data) if size <= parameters.piconet_size else wide.decode_anonymous(data)
+
+
 SPEC = ProtocolSpec(
     name="pseudonet",
     about="A team covers a floor cell by cell, and agrees on each step in exchanges over a piconet.",
@@ -179,5 +185,6 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=measure,
     events=EVENTS,
+    decode=decode,
     team_limit=TEAM_LIMIT,
 )

@@ -9,7 +9,7 @@ DM1 packet (17 bytes).
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Final, TypeAlias
 
 from cosim.errors import WireError
@@ -152,6 +152,29 @@ def decode(data: bytes, directory: Directory) -> WidePacket:
     if encode(packet, directory) != data:
         raise WireError("a packet that nobody encodes so")
     return packet
+
+
+class _Strangers(Directory):
+    """The directory of a team that is not known: all names are given, and stand for themselves."""
+
+    @cached_property
+    def names(self) -> dict[Address, int]:
+        """All names, each of itself."""
+        return {name: name for name in range(1 << 8)}
+
+
+_STRANGERS: Final = _Strangers(())
+
+
+def decode_anonymous(data: bytes) -> dict[str, object]:
+    """Return the packet that *data* encodes, without a directory, and the names in it as piconet.place.
+
+    In the packet the source and the addressee of a message are names, 8 x piconet + place, not robots. Raise
+    :exc:`WireError` for what is no packet in any team.
+    """
+    packet = decode(data, _STRANGERS)
+    names = {part: getattr(packet, part, None) for part in ("source", "addressee")}
+    return {"packet": packet, "names": {part: f"{n >> 3}.{n & 7}" for part, n in names.items() if n is not None}}
 
 
 def _name(robot: Address, directory: Directory) -> int:

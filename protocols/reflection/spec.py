@@ -13,6 +13,7 @@ from cosim.machine import Address
 from cosim.protocol import Death, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.reflection.events import EVENTS
+from protocols.reflection.frames import decode
 from protocols.reflection.guidance import algorithm, way_back
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
@@ -248,6 +249,7 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=measure,
     events=EVENTS,
+    decode=lambda parameters, size, data: decode(data),
     team_limit=TEAM_LIMIT,
     needs_sight=True,
     needs_view=True,

@@ -1,0 +1,117 @@
+"""What payloads say, as their protocol understands them: for who looks at a frame of a run.
+
+A protocol's spec decodes its own payloads (``ProtocolSpec.decode``); what a router has packed for the air is unpacked
+here. Decoded messages become plain data, as JSON has it: who shows them need know no protocol.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from typing import Any, Final, TypeAlias
+
+from pydantic import BaseModel
+
+from cosim.channels.adhoc.routing import aodv_wire, ip, olsr_wire
+from cosim.errors import WireError
+from cosim.scenario import Scenario
+
+Plain: TypeAlias = dict[str, Any] | list[Any] | str | int | float | bool | None
+"""Data that JSON can hold."""
+TYPE: Final = "type"
+"""Key of the name of a message's type, in front of its fields."""
+
+
+def decoded(scenario: Scenario, payload: bytes, routed: bool = False) -> Plain:
+    """Return what *payload*, the body of a frame in a run of *scenario*, says; a sentence if it says nothing.
+
+    A *routed* one is a router's IPv4 packet: what it carries stands below its headers.
+    """
+    if routed:
+        return _sentence_or(_routed, scenario, payload)
+    return _sentence_or(_payload, scenario, payload)
+
+
+def plain(value: Any) -> Plain:
+    """Return a decoded message, or a part of one, as plain data: bytes in hexadecimal, names of enumerations."""
+    match value:
+        case Enum():
+            return value.name.lower()
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return value if math.isfinite(value) else str(value)
+        case bytes():
+            return value.hex()
+        case BaseModel():
+            return {TYPE: type(value).__name__, **value.model_dump(mode="json", exclude_none=True)}
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
+        case tuple() if hasattr(value, "_fields"):
+            return {TYPE: type(value).__name__, **plain_fields(value, value._fields)}
+        case list() | tuple():
+            return [plain(item) for item in value]
+    if is_dataclass(value):
+        return {TYPE: type(value).__name__, **plain_fields(value, [field.name for field in fields(value)])}
+    return str(value)
+
+
+def plain_fields(value: Any, names: Any) -> dict[str, Plain]:
+    """Return the fields *names* of a message as plain data."""
+    return {name: plain(getattr(value, name)) for name in names}
+
+
+def _sentence_or(decode: Callable[[Scenario, bytes], Any], scenario: Scenario, payload: bytes) -> Plain:
+    try:
+        return plain(decode(scenario, payload))
+    except WireError as error:
+        return f"no message: {error}"
+
+
+def _payload(scenario: Scenario, payload: bytes) -> Any:
+    spec = scenario.protocol.spec
+    if spec.decode is None:
+        return f"protocol {spec.name} does not say how to decode its payloads"
+    return spec.decode(scenario.protocol.parameters, scenario.team.size, payload)
+
+
+def _routed(scenario: Scenario, packet: bytes) -> Any:
+    datagram = ip.decode(packet)
+    headers = {"source": datagram.source, "destination": datagram.destination, "ttl": datagram.ttl}
+    carries = _PORTS.get(datagram.port, _unknown)
+    return {"ip": headers | {"number": datagram.number, "port": datagram.port}} | carries(scenario, datagram.data)
+
+
+def _unknown(scenario: Scenario, data: bytes) -> dict[str, Plain]:
+    return {"data": data.hex()}
+
+
+def _of_host(scenario: Scenario, data: bytes) -> dict[str, Plain]:
+    return {"payload": _sentence_or(_payload, scenario, data)}
+
+
+def _of_aodv(scenario: Scenario, data: bytes) -> dict[str, Plain]:
+    return {"aodv": _sentence_or(lambda _, octets: aodv_wire.decode_message(octets), scenario, data)}
+
+
+def _of_olsr(scenario: Scenario, data: bytes) -> dict[str, Plain]:
+    return {"olsr": _sentence_or(_olsr, scenario, data)}
+
+
+def _olsr(scenario: Scenario, data: bytes) -> Any:
+    number, messages = olsr_wire.decode_packet(data)
+    bodies = (_OLSR.get(message.kind, bytes)(message.body) for message in messages)
+    return {
+        "number": number,
+        "messages": [
+            plain_fields(message, [name for name in message._fields if name != "body"]) | {"body": plain(body)}
+            for message, body in zip(messages, bodies, strict=True)
+        ],
+    }
+
+
+_PORTS: Final = {ip.PAYLOAD_PORT: _of_host, ip.AODV_PORT: _of_aodv, ip.OLSR_PORT: _of_olsr}
+_OLSR: Final[dict[int, Callable[[bytes], Any]]] = {
+    olsr_wire.HELLO: olsr_wire.decode_hello,
+    olsr_wire.TC: olsr_wire.decode_tc,
+}
