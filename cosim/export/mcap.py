@@ -218,7 +218,7 @@ def _moving(recording: Recording) -> Iterator[Message]:
 def _jammers(recording: Recording) -> Iterator[Message]:
     found: list[Message] = []
     for each in recording.jammers():
-        name, shade = f"jammer {each.number}", colour("#d55e00")
+        name, shade = f"jammer {each.fault}", colour("#d55e00")
         marks = [foxglove.cylinder(0.2, 0.6, shade)]
         for mark in marks:
             mark["pose"]["position"] |= {"x": each.x_m, "y": each.y_m}

@@ -10,7 +10,7 @@ import numpy as np
 from cosim.arrays import Floats, Int64s
 from cosim.errors import UserError
 from cosim.trace import FRAMES, INTERVALS, LINKS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, UNSENT, Table, Trace
-from cosim.units import Time, from_seconds
+from cosim.units import Time
 
 DRAWN: Final[tuple[Table, ...]] = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT)
 """The tables that a run is to keep for its exports, besides the protocol's events."""
@@ -22,9 +22,10 @@ UP: Final = frozenset({"Rebooted"})
 
 
 class Jammer(NamedTuple):
-    """A jammer of the scenario that stays where it is."""
+    """A time at which a jammer of the scenario is on the air."""
 
-    number: int
+    fault: int
+    """The number of the fault in the scenario."""
     x_m: float
     y_m: float
     begin: Time
@@ -137,15 +138,14 @@ class Recording:
         return sorted(found + [(begin, self.end + 1, *pair) for pair, begin in opened.items()])
 
     def jammers(self) -> list[Jammer]:
-        """Return the scenario's jammers that are switched on at a time that it names."""
-        found = []
-        for number, fault in enumerate(self.scenario.get("faults", ())):
-            if fault.get("kind") == "jammer" and fault.get("x_m") is not None and fault.get("rate_per_s") is None:
-                begin, last = from_seconds(fault["at_s"]), fault.get("until_s")
-                if last is None and fault.get("for_s") is not None:
-                    last = fault["at_s"] + fault["for_s"]
-                end = self.end + 1 if last is None else from_seconds(last)
-                found.append(Jammer(number, fault["x_m"], fault["y_m"], begin, end, fault.get("power_dbm", 0.0)))
+        """Return the times at which the scenario's jammers are on the air, in their order."""
+        faults, found = self.scenario.get("faults", ()), []
+        for row in self.rows("intervals"):
+            if row["state"] == "jammer":
+                number = int(dict(word.partition("=")[::2] for word in row["detail"].split())["fault"])
+                fault = faults[number]
+                place = fault["x_m"], fault["y_m"]
+                found.append(Jammer(number, *place, row["start_ns"], row["end_ns"], fault["power_dbm"]))
         return found
 
 

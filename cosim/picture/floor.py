@@ -35,8 +35,12 @@ def draw_floor(plot: Any, recording: Recording, now: Time, on_air: list[Box], tr
         plot.add_patch(Polygon(polygon, facecolor="#bbbbbb", edgecolor="none", zorder=1))
     walls = [((a, b), (c, d)) for a, b, c, d in scene["walls_m"]]
     plot.add_collection(LineCollection(walls, colors="#444444", linewidths=1.4, zorder=2))
-    for jammer in recording.jammers():
-        _draw_jammer(plot, jammer.x_m, jammer.y_m, jammer.begin <= now < jammer.end, size)
+    spots: dict[tuple[float, float], bool] = {}
+    for each in recording.jammers():
+        spot = each.x_m, each.y_m
+        spots[spot] = spots.get(spot, False) or each.begin <= now < each.end
+    for (x, y), is_on in spots.items():
+        _draw_jammer(plot, x, y, is_on, size)
     places = recording.places(now)
     for begin, end, master, slave in recording.links():
         if begin <= now < end:

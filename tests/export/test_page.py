@@ -48,9 +48,9 @@ def shown(
 @pytest.fixture(scope="module")
 def page_file(piconet: Whole, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "a & b.html"
-    assert write_page(piconet[0], path, (0, piconet[0].end + 1)) == len(piconet[1]["frames"]) + len(
-        sendings(piconet[1])
-    )
+    _, tables, _ = piconet
+    boxes = len(tables["frames"]) + len(sendings(tables)) + len(tables["intervals"])
+    assert write_page(piconet[0], path, (0, piconet[0].end + 1)) == boxes
     return path
 
 

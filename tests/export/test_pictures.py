@@ -254,7 +254,7 @@ def test_what_cannot_be_written_is_one_line(
 @pytest.mark.parametrize(
     ("options", "line"),
     [
-        (("--at", "99"), "--at 99: is not from 0 to 13.9919 s, the end of the run"),
+        (("--at", "99"), "--at 99: is not from 0 to 14 s, the end of the run"),
         (("--from", "3", "--to", "2"), "--to: 2 s is not after 3 s, where it begins"),
         (("--seed", "3"), "{folder}: is a recorded run: its seed and settings are what they were"),
     ],
