@@ -19,7 +19,7 @@ from cosim import __version__
 from cosim.export import foxglove
 from cosim.export.foxglove import colour
 from cosim.export.lanes import WHOLE
-from cosim.export.recording import DOWN, UP, Recording
+from cosim.export.recording import DOWN, ROBOTS, UP, Recording
 from cosim.trace import drafted
 from cosim.units import S, Time, to_seconds
 
@@ -40,7 +40,6 @@ TOPICS: Final[dict[str, tuple[str, str]]] = {
     "/metrics": ("cosim.Metrics", "the metrics of the run, at its end"),
 }
 """The topics, their schemas, and what is on them."""
-ROBOTS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#5d3a9b", "#8a6d00")
 _MOST_CELLS: Final = 1000
 """The most cells of the map's longer side."""
 

@@ -20,6 +20,11 @@ DOWN: Final = frozenset({"Killed", "Crashed", "BatteryEmpty"})
 UP: Final = frozenset({"Rebooted"})
 """Events after which a robot that was down acts again."""
 
+ROBOTS: Final = (
+    *("#1f599d", "#b58511", "#e25389", "#491a2d", "#4495c3", "#995b3e", "#805cde", "#83290b", "#52465a", "#18227a"),
+)
+"""Colours of robots 0, 1, ..., those of the pages in light; their numbers tell them apart where there are more."""
+
 
 class Jammer(NamedTuple):
     """A time at which a jammer of the scenario is on the air."""

@@ -30,7 +30,19 @@ LOOKS: Final[dict[str, Look]] = {
 OTHER: Final = Look("#009e73", "#ffffff")
 LOST_HATCH: Final = "xxxxx"
 """Pattern of a frame that was lost: what colour alone would not tell."""
-_STATES: Final = ("#fbe3b5", "#cfe3f1", "#d9ead3", "#eadcf1", "#f6d5c8", "#e4e4e4", "#f1f1b8", "#c9ece2")
+_STATES: Final[dict[str, str]] = {
+    **dict.fromkeys(("inquiry", "page"), "#fbd9a0"),
+    **dict.fromkeys(("inquiry_scan", "page_scan"), "#d6e9f5"),
+    **dict.fromkeys(("inquiry_response", "page_response"), "#f4b183"),
+    **dict.fromkeys(("inquiry_backoff", "backoff"), "#f0eccb"),
+    **dict.fromkeys(("master", "link"), "#a8d5ba"),
+    "slave": "#d3ecdc",
+    "route": "#d9cbe8",
+    **dict.fromkeys(("difs", "eifs", "awaits_ack", "awaits_cts"), "#e6e6e6"),
+    **dict.fromkeys(("killed", "crashed", "frozen", "off", "jammer"), "#e9a3a0"),
+}
+"""Pale colours of states, alike for those of one kind: their names stand in them."""
+_OTHER_STATE: Final = "#f1f1f1"
 STATE_INK: Final = "#333333"
 
 
@@ -40,8 +52,8 @@ def look(kind: str) -> Look:
 
 
 def state_fill(state: str) -> str:
-    """Return the pale colour of a state: the same for one name in all pictures."""
-    return _STATES[sum(state.encode()) % len(_STATES)]
+    """Return the pale colour of a state."""
+    return _STATES.get(state, _OTHER_STATE)
 
 
 def is_lost(what: str, outcome: str) -> bool:

@@ -13,10 +13,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from cosim.errors import UserError
-from cosim.export.lanes import Lane, lanes
+from cosim.export.lanes import STATE, Lane, lanes
 from cosim.export.recording import Recording
-from cosim.picture.moment import View, draw_moment
-from cosim.picture.window import Box
+from cosim.picture.moment import Room, View, draw_moment, room_for
+from cosim.picture.window import Box, boxes
 from cosim.trace import drafted
 from cosim.units import MS, S, Time
 
@@ -82,7 +82,7 @@ def _pictures(recording: Recording, moments: range, dpi: int, told: Callable[[in
     """Yield the pictures of *moments*, all of one size."""
     found = lanes(recording)
     reach = max(BEHIND, 2 * moments.step)
-    room = _room(found)
+    room = _room(recording, found, (moments.start - reach, moments.stop + reach))
     size: tuple[int, int] | None = None
     for number, at in enumerate(moments, start=1):
         figure, _ = draw_moment(recording, View(at, at - reach, at + reach, room=room), found)
@@ -95,13 +95,15 @@ def _pictures(recording: Recording, moments: range, dpi: int, told: Callable[[in
         told(number, len(moments))
 
 
-def _room(found: Sequence[Lane]) -> tuple[Box, ...]:
-    """Return a box of each kind and outcome on each lane of *found*, so that lanes and legend stay the same."""
-    return tuple(
+def _room(recording: Recording, found: Sequence[Lane], span: tuple[Time, Time]) -> Room:
+    """Return room for all states in the *span* of time, and for a frame of each kind and outcome on each lane."""
+    frames = [
         Box(0, 0, lane.robot, lane.radio, lane.what, kind, -1, outcome, -1, "", "")
         for lane in found
+        if lane.what != STATE
         for kind, outcome in dict.fromkeys(zip(lane.kinds, lane.outcomes, strict=True))
-    )
+    ]
+    return room_for([*frames, *boxes(recording, (lane for lane in found if lane.what == STATE), *span)])
 
 
 def _encode(pictures: Iterator[Image.Image], path: Path, rate: int) -> None:

@@ -5,18 +5,13 @@ from typing import Any, Final
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, Polygon
 
-from cosim.export.recording import Recording
+from cosim.export.recording import ROBOTS, Recording
 from cosim.picture.colours import is_lost, look
 from cosim.picture.window import Box
 from cosim.units import S, Time
 
 TRAIL: Final = 10 * S
 """How far back the ways of robots are drawn."""
-ROBOTS: Final = (
-    *("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#5d3a9b", "#8a6d00", "#b2df8a", "#6e6e6e"),
-)
-_PALE: Final = frozenset({"#e69f00", "#cc79a7", "#56b4e9", "#b2df8a"})
-"""Colours of robots 0, 1, ...: then again from the first, their numbers tell them apart."""
 _LEAST_SHARE: Final = 0.013
 """The least radius of a robot, as a share of the floor's longer side: a small one is still seen."""
 
@@ -68,7 +63,7 @@ def _draw_trails(plot: Any, recording: Recording, now: Time, trail: Time) -> Non
 def _draw_robot(plot: Any, robot: int, pose: tuple[float, float, float], radius: float, is_down: bool) -> None:
     x, y, _ = pose
     fill = "#ffffff" if is_down else ROBOTS[robot % len(ROBOTS)]
-    ink = "#000000" if fill in _PALE else "#ffffff"
+    ink = "#000000" if is_down else "#ffffff"
     plot.add_patch(Circle((x, y), radius, facecolor=fill, edgecolor="#000000", linewidth=0.8, zorder=6))
     if is_down:
         plot.plot(x, y, "x", color="#000000", markersize=12, markeredgewidth=1.5, zorder=6)

@@ -7,13 +7,14 @@ from typing import Any, Final, NamedTuple
 import matplotlib as mpl
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from cosim.errors import UserError
 from cosim.export.lanes import HEARD, Lane, lanes
 from cosim.export.recording import Recording
 from cosim.picture.colours import is_lost, look
 from cosim.picture.floor import draw_floor
-from cosim.picture.slots import draw_slots, legend, lines_of, time_axis
+from cosim.picture.slots import Lines, draw_slots, legend, lines_of, time_axis
 from cosim.picture.window import Box, boxes
 from cosim.trace import drafted
 from cosim.units import S, Time
@@ -29,6 +30,18 @@ MOST_BOXES: Final = 20_000
 """The most boxes that a figure draws."""
 
 
+class Room(NamedTuple):
+    """Lines for boxes, and marks that tell what these are: for a film, in which they stay the same."""
+
+    lines: Lines
+    marks: Sequence[Patch]
+
+
+def room_for(seen: Sequence[Box]) -> Room:
+    """Return room for the boxes *seen*."""
+    return Room(lines_of(seen), legend(seen))
+
+
 class View(NamedTuple):
     """What a picture shows."""
 
@@ -39,8 +52,8 @@ class View(NamedTuple):
     """The time of the boxes below it."""
     channels: bool = False
     """True if a third part shows the same frames on their RF channels."""
-    room: tuple[Box, ...] = ()
-    """Boxes for which there is room, and a mark in the legend, even if they are not seen: for a film."""
+    room: Room | None = None
+    """What lines and marks there are; if None, those of the boxes that are seen."""
 
 
 def draw_moment(recording: Recording, view: View, found: Sequence[Lane] | None = None) -> tuple[Figure, list[Box]]:
@@ -58,8 +71,7 @@ def draw_moment(recording: Recording, view: View, found: Sequence[Lane] | None =
 
 
 def _figure(recording: Recording, view: View, seen: Sequence[Box]) -> Figure:
-    room = [*seen, *view.room]
-    lines = lines_of(room)
+    lines, marks = view.room or room_for(seen)
     x0, y0, x1, y1 = recording.scene["bounds_m"]
     floor_in = min(_TALLEST_FLOOR_IN, (WIDE_IN - 0.8) * (y1 - y0) / (x1 - x0)) + 0.2
     parts = [floor_in, 0.3 + _A_LANE_IN * lines.height]
@@ -74,7 +86,6 @@ def _figure(recording: Recording, view: View, seen: Sequence[Box]) -> Figure:
     draw_slots(plots[1], seen, lines, (view.begin, view.end), view.at)
     if channels:
         _draw_channels(plots[2], view, seen)
-    marks = legend(room)
     if marks:
         figure.legend(handles=marks, loc="outside lower center", ncols=min(len(marks), 7), fontsize=7, frameon=False)
     figure.draw_without_rendering()

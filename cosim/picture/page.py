@@ -19,9 +19,8 @@ import numpy as np
 
 from cosim.arrays import Int64s
 from cosim.export.lanes import STATE, Lane, lanes
-from cosim.export.recording import Recording
+from cosim.export.recording import ROBOTS, Recording
 from cosim.picture.colours import is_lost, look, state_fill
-from cosim.picture.floor import ROBOTS
 from cosim.trace import drafted
 from cosim.units import Time
 

@@ -17,6 +17,8 @@ _STRIP: Final = 0.3
 """Height of a strip of a state."""
 _LETTER: Final = 0.0105
 """Width of a letter, as a share of the axis: a text that has no room is left out."""
+LONGEST: Final = 40
+"""The longest text of a state that is written whole."""
 MOST_HAIRLINES: Final = 300
 """The most frames that are joined with their receptions."""
 
@@ -26,23 +28,23 @@ class Lines(NamedTuple):
 
     tops: dict[int, float]
     """Height of each robot's line, in lanes: the first at 0, the others below."""
-    strips: dict[int, list[tuple[int, str]]]
-    """For each robot its states, one strip each, as (radio, state)."""
+    strips: dict[Box, int]
+    """The strip of each state below its robot's line: those that do not overlap share one."""
     height: float
 
 
 def lines_of(room: Sequence[Box]) -> Lines:
     """Return lines with room for the boxes *room*: robots in order, jammers last."""
-    states: dict[int, set[tuple[int, str]]] = {}
-    for box in room:
-        mine = states.setdefault(box.robot, set())
-        if box.what == STATE:
-            mine.add((box.radio, box.kind))
-    strips = {robot: sorted(states[robot]) for robot in sorted(states, key=lambda robot: robot % (1 << 62))}
+    strips: dict[Box, int] = {}
     tops, at = {}, 0.0
-    for robot, mine_sorted in strips.items():
+    for robot in sorted({box.robot for box in room}, key=lambda robot: robot % (1 << 62)):
+        ends: list[Time] = []
+        for box in sorted(box for box in room if box.robot == robot and box.what == STATE):
+            strip = next((each for each, end in enumerate(ends) if end <= box.start), len(ends))
+            ends[strip : strip + 1] = [box.end]
+            strips[box] = strip
         tops[robot] = at
-        at -= 1.0 + _STRIP * len(mine_sorted)
+        at -= 1.0 + _STRIP * len(ends)
     return Lines(tops, strips, 0.1 - at)
 
 
@@ -98,44 +100,37 @@ def time_axis(begin: Time, end: Time) -> tuple[Time, Time, str]:
     return unit, 0 if unit == S else begin - begin % MS, name
 
 
-def _height(box: Box, strips: dict[int, list[tuple[int, str]]]) -> float:
+def _height(box: Box, strips: dict[Box, int]) -> float:
     """Return how far above its robot's line *box* begins."""
     if box.what == STATE:
-        return -0.45 - _STRIP * (1 + strips[box.robot].index((box.radio, box.kind)))
+        return -0.45 - _STRIP * (1 + strips[box])
     return 0.0 if box.what == SENT else -HIGH
 
 
 def _draw_box(plot: Any, box: Box, span: tuple[float, float], y: float, width: Any) -> None:
     left, right = span
     if box.what == STATE:
-        style: dict[str, Any] = {
-            "facecolor": state_fill(box.kind),
-            "edgecolor": "#999999",
-            "linewidth": 0.4,
-            "zorder": 2,
-        }
-        plot.add_patch(Rectangle((left, y), right - left, 0.85 * _STRIP, **style))
-        text, ink, tall = box.kind, STATE_INK, 0.85 * _STRIP
+        style: dict[str, Any] = {"facecolor": state_fill(box.kind), "edgecolor": "#999999", "linewidth": 0.4}
+        plot.add_patch(Rectangle((left, y), right - left, 0.85 * _STRIP, zorder=2, **style))
+        words = f"{box.kind} {box.detail}"
+        text = words if len(words) <= LONGEST and width(words) <= right - left else box.kind
+        ink, tall, ground = STATE_INK, 0.85 * _STRIP, None
     else:
-        lost = is_lost(box.what, box.outcome)
         fill, ink = look(box.kind)
-        style = {"facecolor": "#ffffff" if lost else fill, "edgecolor": fill if lost else "#000000", "linewidth": 0.4}
-        plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=3, hatch=LOST_HATCH if lost else None, **style))
-        if lost:
-            plot.add_patch(
-                Rectangle((left, y), right - left, HIGH, fill=False, edgecolor="#000000", linewidth=0.8, zorder=4)
-            )
+        thin = right - left < width("x") / 4  # its edge would be all that is seen
+        if is_lost(box.what, box.outcome):
+            style = {"facecolor": "#ffffff", "edgecolor": fill, "hatch": LOST_HATCH, "linewidth": 0}
+            plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=3, **style))
+            plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=4, fill=False, linewidth=0.8))
+            ink, ground = "#000000", {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.5}
+        else:
+            style = {"facecolor": fill, "edgecolor": fill if thin else "#000000", "linewidth": 0.4}
+            plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=3, **style))
+            ground = None
         text, tall = box.kind, HIGH
-        if lost:
-            ink = "#000000"
     if width(text) <= right - left:
-        boxed = (
-            {"bbox": {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.5}}
-            if is_lost(box.what, box.outcome)
-            else {}
-        )
-        plot.text((left + right) / 2, y + tall / 2, text, color=ink, fontsize=6.5, ha="center", va="center_baseline",
-                  zorder=5, clip_on=True, **boxed)  # fmt: skip
+        place = {"ha": "center", "va": "center_baseline", "zorder": 5, "clip_on": True}
+        plot.text((left + right) / 2, y + tall / 2, text, color=ink, fontsize=6.5, bbox=ground, **place)
 
 
 def _draw_hairlines(plot: Any, seen: Sequence[Box], tops: dict[int, float], x: Any) -> None:
