@@ -114,9 +114,12 @@ def _size(path: Path) -> str:
     type=click.Path(dir_okay=False, path_type=Path),
     help="A figure (.svg, .pdf, .png), a film (.mp4, .webp, .gif), or one page that needs no server (.html).",
 )
-@click.option("--at", "at_s", type=float, help="s, the moment of a figure.")
+@click.option(
+    "--at", "ats_s", type=float, multiple=True, help="s, the moment of a figure; several: floors side by side."
+)
 @click.option("--from", "from_s", type=float, help="s, where its boxes, a film, or a page begin.")
 @click.option("--to", "to_s", type=float, help="s, where they end.")
+@click.option("--seen", "seen_m", type=click.FloatRange(0, 1e6), help="m, shade what robots have had in sight within.")
 @click.option("--channels", is_flag=True, help="Show a figure's frames on their RF channels, too.")
 @click.option("--speed", type=click.FloatRange(1e-9, 1e6), default=1.0, help="Simulated seconds a second of a film.")
 @click.option(
@@ -177,12 +180,14 @@ def _figure(recording: Recording, path: Path, options: Mapping[str, Any]) -> str
 
     found = lanes(recording)
     begin, end = (_time(recording, options, name) for name in ("from_s", "to_s"))
-    at = _time(recording, options, "at_s")
+    *earlier, at = sorted(_checked(recording, "--at", at_s) for at_s in options["ats_s"]) or [None]
     if at is None:
         at = first_moment(recording, found) if begin is None or end is None else (begin + end) // 2
     begin, end = max(0, at - HALF) if begin is None else begin, at + HALF if end is None else end
     _check_span(begin, end)
-    figure, seen = draw_moment(recording, View(at, begin, end, options["channels"]), found)
+    figure, seen = draw_moment(
+        recording, View(at, begin, end, options["channels"], tuple(earlier), options["seen_m"]), found
+    )
     save_moment(figure, path)
     if options["boxes"] is not None:
         options["boxes"].write_text(as_csv(seen), encoding="utf-8")
@@ -209,13 +214,14 @@ def _page(recording: Recording, path: Path, options: Mapping[str, Any]) -> str:
 
 
 def _time(recording: Recording, options: Mapping[str, Any], name: str) -> int | None:
+    value = options[name]
+    return None if value is None else _checked(recording, "--" + name.removesuffix("_s"), value)
+
+
+def _checked(recording: Recording, option: str, value: float) -> int:
     from cosim.units import from_seconds, to_seconds
 
-    value = options[name]
-    if value is None:
-        return None
     if not 0 <= value <= to_seconds(recording.end) + 1:
-        option = "--" + name.removesuffix("_s")
         raise UserError(f"{option} {value:g}: is not from 0 to {to_seconds(recording.end):g} s, the end of the run")
     return from_seconds(value)
 

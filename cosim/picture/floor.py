@@ -2,22 +2,31 @@
 
 from typing import Any, Final
 
+import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, Polygon
 
 from cosim.export.recording import ROBOTS, Recording
 from cosim.picture.colours import is_lost, look
+from cosim.picture.seen import seen_floor
 from cosim.picture.window import Box
 from cosim.units import S, Time
 
 TRAIL: Final = 10 * S
 """How far back the ways of robots are drawn."""
+SEEN: Final = (200, 222, 205, 255)
+"""Red, green, blue, alpha of what was seen."""
 _LEAST_SHARE: Final = 0.013
 """The least radius of a robot, as a share of the floor's longer side: a small one is still seen."""
 
 
-def draw_floor(plot: Any, recording: Recording, now: Time, on_air: list[Box], trail: Time = TRAIL) -> None:
-    """Draw into *plot* where everything is *now*; *on_air* are the boxes of frames that are received then."""
+def draw_floor(
+    plot: Any, recording: Recording, now: Time, on_air: list[Box], seen_m: float | None = None, trail: Time = TRAIL
+) -> None:
+    """Draw into *plot* where everything is *now*; *on_air* are the boxes of frames that are received then.
+
+    What robots have had in sight so far within *seen_m*, if that is given, is shaded.
+    """
     scene = recording.scene
     x0, y0, x1, y1 = scene["bounds_m"]
     size = max(x1 - x0, y1 - y0)
@@ -26,6 +35,9 @@ def draw_floor(plot: Any, recording: Recording, now: Time, on_air: list[Box], tr
     plot.set_yticks([])
     for side in plot.spines.values():
         side.set_visible(False)
+    if seen_m is not None:
+        shade = np.where(seen_floor(recording, now, seen_m)[..., None], SEEN, 0).astype(np.uint8)
+        plot.imshow(shade, extent=(x0, x1, y0, y1), origin="lower", interpolation="nearest", zorder=0.5)
     for polygon in scene["polygons_m"]:
         plot.add_patch(Polygon(polygon, facecolor="#bbbbbb", edgecolor="none", zorder=1))
     walls = [((a, b), (c, d)) for a, b, c, d in scene["walls_m"]]

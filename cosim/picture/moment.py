@@ -52,6 +52,10 @@ class View(NamedTuple):
     """The time of the boxes below it."""
     channels: bool = False
     """True if a third part shows the same frames on their RF channels."""
+    earlier: tuple[Time, ...] = ()
+    """Moments before, whose floors stand to the left of it."""
+    seen_m: float | None = None
+    """If given, what robots have had in sight so far within that range is shaded, m."""
     room: Room | None = None
     """What lines and marks there are; if None, those of the boxes that are seen."""
 
@@ -73,19 +77,25 @@ def draw_moment(recording: Recording, view: View, found: Sequence[Lane] | None =
 def _figure(recording: Recording, view: View, seen: Sequence[Box]) -> Figure:
     lines, marks = view.room or room_for(seen)
     x0, y0, x1, y1 = recording.scene["bounds_m"]
-    floor_in = min(_TALLEST_FLOOR_IN, (WIDE_IN - 0.8) * (y1 - y0) / (x1 - x0)) + 0.2
+    moments = (*view.earlier, view.at)
+    floor_in = min(_TALLEST_FLOOR_IN, (WIDE_IN - 0.8) / len(moments) * (y1 - y0) / (x1 - x0)) + 0.2
     parts = [floor_in, 0.3 + _A_LANE_IN * lines.height]
     channels = view.channels and any(box.channel >= 0 for box in seen)
     if channels:
         parts.append(1.5)
     figure = Figure(figsize=(WIDE_IN, sum(parts) + 0.75 + 0.3 * channels), layout="constrained")
-    plots = figure.subplots(len(parts), 1, height_ratios=parts)
+    grid = figure.add_gridspec(len(parts), 1, height_ratios=parts)
+    plots = [figure.add_subplot(grid[part]) for part in range(1, len(parts))]
     on_air = [box for box in seen if box.what == HEARD and box.start <= view.at < box.end]
-    draw_floor(plots[0], recording, view.at, on_air)
-    plots[0].set_title(f"{recording.scene.get('name', '')} at {view.at / S:.6f} s", fontsize=9, loc="left")
-    draw_slots(plots[1], seen, lines, (view.begin, view.end), view.at)
+    for column, moment in enumerate(moments):
+        plot = figure.add_subplot(grid[0].subgridspec(1, len(moments))[column])
+        draw_floor(plot, recording, moment, on_air if moment == view.at else [], view.seen_m)
+        digits = 6 if len(moments) == 1 else 0
+        name = f"{recording.scene.get('name', '')} at " if column == 0 else ""
+        plot.set_title(f"{name}{moment / S:.{digits}f} s", fontsize=9, loc="left")
+    draw_slots(plots[0], seen, lines, (view.begin, view.end), view.at)
     if channels:
-        _draw_channels(plots[2], view, seen)
+        _draw_channels(plots[1], view, seen)
     if marks:
         figure.legend(handles=marks, loc="outside lower center", ncols=min(len(marks), 7), fontsize=7, frameon=False)
     figure.draw_without_rendering()
