@@ -114,9 +114,7 @@ def _size(path: Path) -> str:
     type=click.Path(dir_okay=False, path_type=Path),
     help="A figure (.svg, .pdf, .png), a film (.mp4, .webp, .gif), or one page that needs no server (.html).",
 )
-@click.option(
-    "--at", "ats_s", type=float, multiple=True, help="s, the moment of a figure; several: floors side by side."
-)
+@click.option("--at", "ats_s", type=float, multiple=True, help="s, the moment of a figure; several: as many floors.")
 @click.option("--from", "from_s", type=float, help="s, where its boxes, a film, or a page begin.")
 @click.option("--to", "to_s", type=float, help="s, where they end.")
 @click.option("--seen", "seen_m", type=click.FloatRange(0, 1e6), help="m, shade what robots have had in sight within.")

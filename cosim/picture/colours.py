@@ -24,7 +24,9 @@ LOOKS: Final[dict[str, Look]] = {
     "RTS": Look("#4f9d7d", "#000000"),
     "CTS": Look("#93c9b1", "#000000"),
     "ACK": Look("#d9efe4", "#000000"),
-    **dict.fromkeys(("RREQ", "RREP", "RERR", "HELLO", "TC"), Look("#7a3b8f", "#ffffff")),
+    **dict.fromkeys(("RREQ", "TC"), Look("#7a3b8f", "#ffffff")),
+    **dict.fromkeys(("RREP", "HELLO"), Look("#c79bd8", "#000000")),
+    **dict.fromkeys(("RERR", "RREPACK", "HELLO+TC"), Look("#4a1259", "#ffffff")),
 }
 """Looks of kinds of frames (colours of Okabe and Ito, and lighter and darker ones of theirs)."""
 OTHER: Final = Look("#009e73", "#ffffff")

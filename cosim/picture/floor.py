@@ -21,11 +21,12 @@ _LEAST_SHARE: Final = 0.013
 
 
 def draw_floor(
-    plot: Any, recording: Recording, now: Time, on_air: list[Box], seen_m: float | None = None, trail: Time = TRAIL
+    plot: Any, recording: Recording, now: Time, on_air: list[Box], seen_m: float | None = None, columns: int = 1
 ) -> None:
     """Draw into *plot* where everything is *now*; *on_air* are the boxes of frames that are received then.
 
-    What robots have had in sight so far within *seen_m*, if that is given, is shaded.
+    What robots have had in sight so far within *seen_m*, if that is given, is shaded. *columns* floors stand side by
+    side, so that what has a least size is the larger.
     """
     scene = recording.scene
     x0, y0, x1, y1 = scene["bounds_m"]
@@ -54,10 +55,12 @@ def draw_floor(
             (ax, ay), (bx, by) = places[master, :2], places[slave, :2]
             plot.plot([ax, bx], [ay, by], color="#888888", linewidth=2.5, alpha=0.6, zorder=3, solid_capstyle="round")
             plot.plot(ax, ay, "o", markersize=13, markerfacecolor="none", color="#888888", alpha=0.6, zorder=3)
-    _draw_trails(plot, recording, now, trail)
+    _draw_trails(plot, recording, now, TRAIL)
     down = recording.down(now)
     for robot, (x, y, heading) in enumerate(places):
-        _draw_robot(plot, robot, (x, y, heading), max(scene["radii_m"][robot], _LEAST_SHARE * size), robot in down)
+        _draw_robot(
+            plot, robot, (x, y, heading), max(scene["radii_m"][robot], _LEAST_SHARE * columns * size), robot in down
+        )
     for box in on_air:
         if box.peer >= 0:
             _draw_frame(plot, box, places)
@@ -94,7 +97,7 @@ def _draw_frame(plot: Any, box: Box, places: Any) -> None:
         zorder=5,
         arrowprops={
             "arrowstyle": "-|>",
-            "color": look(box.kind).fill,
+            "color": look(box.name).fill,
             "linewidth": 1.6,
             "linestyle": (0, (2, 2)) if lost else "-",
             "shrinkA": 7,

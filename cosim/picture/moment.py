@@ -89,7 +89,7 @@ def _figure(recording: Recording, view: View, seen: Sequence[Box]) -> Figure:
     on_air = [box for box in seen if box.what == HEARD and box.start <= view.at < box.end]
     for column, moment in enumerate(moments):
         plot = figure.add_subplot(grid[0].subgridspec(1, len(moments))[column])
-        draw_floor(plot, recording, moment, on_air if moment == view.at else [], view.seen_m)
+        draw_floor(plot, recording, moment, on_air if moment == view.at else [], view.seen_m, len(moments))
         digits = 6 if len(moments) == 1 else 0
         name = f"{recording.scene.get('name', '')} at " if column == 0 else ""
         plot.set_title(f"{name}{moment / S:.{digits}f} s", fontsize=9, loc="left")
@@ -113,7 +113,7 @@ def _draw_channels(plot: Any, view: View, seen: Sequence[Box]) -> None:
         a, b, y = (box.start - origin) / unit, (box.end - origin) / unit, box.channel
         b = max(b, a + (right - left) / 600)
         corners.append([(a, y - 0.5), (b, y - 0.5), (b, y + 0.5), (a, y + 0.5)])
-    fills = ["#000000" if is_lost(box.what, box.outcome) else look(box.kind).fill for box in frames]
+    fills = ["#000000" if is_lost(box.what, box.outcome) else look(box.name).fill for box in frames]
     plot.add_collection(PolyCollection(corners, facecolors=fills, edgecolors=fills, linewidths=0.4))
     for box, corner in zip(frames, corners, strict=True):
         if is_lost(box.what, box.outcome):

@@ -53,6 +53,7 @@ def draw_slots(plot: Any, seen: Sequence[Box], lines: Lines, span: tuple[Time, T
     begin, end = span
     unit, origin, name = time_axis(begin, end)
     strips, tops = lines.strips, lines.tops
+    stacked = _stacked([box for box in seen if box.what != STATE])
 
     def x(time: Time) -> float:
         return (min(max(time, begin), end) - origin) / unit
@@ -63,7 +64,9 @@ def draw_slots(plot: Any, seen: Sequence[Box], lines: Lines, span: tuple[Time, T
     for box in seen:
         line = tops.get(box.robot)
         if line is not None:
-            place = line + _height(box, strips)
+            y, high = _height(box, strips)
+            row, rows = stacked.get(box, (0, 1))
+            place = line + y + row * high / rows, high / rows
             _draw_box(plot, box, (x(box.start), x(box.end)), place, width)
     _draw_hairlines(plot, seen, tops, x)
     if now is not None:
@@ -83,7 +86,7 @@ def draw_slots(plot: Any, seen: Sequence[Box], lines: Lines, span: tuple[Time, T
 
 def legend(seen: Sequence[Box]) -> list[Patch]:
     """Return a mark for each kind among the boxes *seen*, for what is lost, and for each state."""
-    frames = sorted({box.kind for box in seen if box.what != STATE})
+    frames = sorted({box.name for box in seen if box.what != STATE})
     marks = [Patch(facecolor=look(kind).fill, edgecolor="#000000", linewidth=0.5, label=kind) for kind in frames]
     if any(is_lost(box.what, box.outcome) for box in seen):
         marks.append(Patch(facecolor="#ffffff", edgecolor="#000000", hatch=LOST_HATCH, linewidth=0.5, label="lost"))
@@ -100,37 +103,66 @@ def time_axis(begin: Time, end: Time) -> tuple[Time, Time, str]:
     return unit, 0 if unit == S else begin - begin % MS, name
 
 
-def _height(box: Box, strips: dict[Box, int]) -> float:
-    """Return how far above its robot's line *box* begins."""
+def _height(box: Box, strips: dict[Box, int]) -> tuple[float, float]:
+    """Return how far above its robot's line *box* begins, and how high it is, in lanes."""
     if box.what == STATE:
-        return -0.45 - _STRIP * (1 + strips[box])
-    return 0.0 if box.what == SENT else -HIGH
+        return -0.45 - _STRIP * (1 + strips[box]), 0.85 * _STRIP
+    return 0.0 if box.what == SENT else -HIGH, HIGH
 
 
-def _draw_box(plot: Any, box: Box, span: tuple[float, float], y: float, width: Any) -> None:
-    left, right = span
+def _stacked(frames: Sequence[Box]) -> dict[Box, tuple[int, int]]:
+    """Return for frames that overlap others of their robot its row, and how many rows there are then."""
+    found: dict[Box, tuple[int, int]] = {}
+    groups: dict[tuple[int, bool], list[Box]] = {}
+    for box in sorted(frames):
+        groups.setdefault((box.robot, box.what == SENT), []).append(box)
+    for group in groups.values():
+        cluster: list[Box] = []
+        rows: list[Time] = []
+        for box in [*group, None]:
+            if box is None or (rows and box.start >= max(rows)):
+                found |= {each: (found[each][0], len(rows)) for each in cluster}
+                cluster, rows = [], []
+            if box is not None:
+                row = next((number for number, end in enumerate(rows) if end <= box.start), len(rows))
+                rows[row : row + 1] = [box.end]
+                found[box] = row, 1
+                cluster.append(box)
+    return found
+
+
+def _draw_box(plot: Any, box: Box, span: tuple[float, float], place: tuple[float, float], width: Any) -> None:
+    (left, right), (y, high) = span, place
     if box.what == STATE:
         style: dict[str, Any] = {"facecolor": state_fill(box.kind), "edgecolor": "#999999", "linewidth": 0.4}
-        plot.add_patch(Rectangle((left, y), right - left, 0.85 * _STRIP, zorder=2, **style))
+        plot.add_patch(Rectangle((left, y), right - left, high, zorder=2, **style))
         words = f"{box.kind} {box.detail}"
         text = words if len(words) <= LONGEST and width(words) <= right - left else box.kind
-        ink, tall, ground = STATE_INK, 0.85 * _STRIP, None
+        ink, tall, ground = STATE_INK, high, None
     else:
-        fill, ink = look(box.kind)
+        fill, ink = look(box.name)
         thin = right - left < width("x") / 4  # its edge would be all that is seen
         if is_lost(box.what, box.outcome):
             style = {"facecolor": "#ffffff", "edgecolor": fill, "hatch": LOST_HATCH, "linewidth": 0}
-            plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=3, **style))
-            plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=4, fill=False, linewidth=0.8))
-            ink, ground = "#000000", {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.5}
+            plot.add_patch(Rectangle((left, y), right - left, high, zorder=3, **style))
+            plot.add_patch(Rectangle((left, y), right - left, high, zorder=4, fill=False, linewidth=0.8))
+            ink, ground = "#000000", {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.3}
         else:
             style = {"facecolor": fill, "edgecolor": fill if thin else "#000000", "linewidth": 0.4}
-            plot.add_patch(Rectangle((left, y), right - left, HIGH, zorder=3, **style))
+            plot.add_patch(Rectangle((left, y), right - left, high, zorder=3, **style))
             ground = None
-        text, tall = box.kind, HIGH
+        text, tall = box.name, high
     if width(text) <= right - left:
         place = {"ha": "center", "va": "center_baseline", "zorder": 5, "clip_on": True}
-        plot.text((left + right) / 2, y + tall / 2, text, color=ink, fontsize=6.5, bbox=ground, **place)
+        plot.text(
+            (left + right) / 2,
+            y + tall / 2,
+            text,
+            color=ink,
+            fontsize=6.5 if tall >= HIGH / 1.5 else 5,
+            bbox=ground,
+            **place,
+        )
 
 
 def _draw_hairlines(plot: Any, seen: Sequence[Box], tops: dict[int, float], x: Any) -> None:

@@ -7,8 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.export.lanes import HEARD, Lane
+from cosim.export.lanes import HEARD, STATE, Lane
 from cosim.export.recording import Recording
+from cosim.picture.routed import packet_name
 from cosim.units import MS, Time
 
 
@@ -29,6 +30,12 @@ class Box(NamedTuple):
     part: str
     """The part of a frame that failed first; empty if none did."""
     detail: str
+    """More about a state, or which packet of a router a frame carries: RREQ, HELLO, ..."""
+
+    @property
+    def name(self) -> str:
+        """What stands in it."""
+        return self.detail if self.detail and self.what != STATE else self.kind
 
 
 COLUMNS: Final = Box._fields
@@ -39,6 +46,9 @@ HALF: Final = 10 * MS
 def boxes(recording: Recording, found: Iterable[Lane], begin: Time, end: Time) -> list[Box]:
     """Return the boxes of the lanes *found* that are seen from *begin* to before *end*, by start, robot and lane."""
     seen = [box for lane in found for box in _of_lane(recording, lane, begin, end)]
+    names = _routed(recording, begin, end)
+    if names:
+        seen = [box._replace(detail=names.get(_sending(box), "")) if box.what != STATE else box for box in seen]
     return sorted(seen, key=lambda box: (box.start, box.robot, box.radio, box.what, box.peer))
 
 
@@ -56,6 +66,24 @@ def _of_lane(recording: Recording, lane: Lane, begin: Time, end: Time) -> Iterat
         words = int(channel), lane.outcomes[at], int(peer), str(part), str(detail)
         span = int(lane.starts[at]), int(lane.ends[at])
         yield Box(span[0], span[1], lane.robot, lane.radio, lane.what, lane.kinds[at], *words)
+
+
+def _sending(box: Box) -> tuple[Time, int, int, str]:
+    """Return what the transmission of the frame *box* is known by: time, sender, radio, kind."""
+    return box.start, box.peer if box.what == HEARD else box.robot, box.radio, box.kind
+
+
+def _routed(recording: Recording, begin: Time, end: Time) -> dict[tuple[Time, int, int, str], str]:
+    """Return what routers' packets are called that were on the air from *begin* to *end*, by their transmissions."""
+    table = "transmissions"
+    if not recording.count(table):
+        return {}
+    starts = recording.column(table, "time_ns")
+    there = (starts < end) & (starts + recording.column(table, "duration_ns") > begin)
+    rows = np.flatnonzero(there & recording.column(table, "routed").astype(bool))
+    columns = [recording.column(table, name)[rows].tolist() for name in ("source", "kind", "body")]
+    parts = zip(starts[rows].tolist(), recording.radio(table)[rows].tolist(), *columns, strict=True)
+    return {(time, source, radio, kind): packet_name(body) for time, radio, source, kind, body in parts}
 
 
 def as_csv(seen: Iterable[Box]) -> str:

@@ -44,7 +44,9 @@ def first_frame(recording: Recording, after: Time = 0, **wanted: str) -> Time:
 
 def first_state(recording: Recording, state: str, after: Time = 0) -> Time:
     """Return when the first interval of *state* after *after* began."""
-    return next(row["start_ns"] for row in recording.rows("intervals") if row["state"] == state and row["start_ns"] >= after)
+    return next(
+        row["start_ns"] for row in recording.rows("intervals") if row["state"] == state and row["start_ns"] >= after
+    )
 
 
 def setting_up(recording: Recording) -> View:
@@ -87,13 +89,13 @@ def aodv_repair(recording: Recording) -> View:
 def jammer_with_afh(recording: Recording) -> View:
     """Return the jammer's first seconds: losses on its channels, until these are left out."""
     on = first_state(recording, "jammer")
-    return View(on + S, on - S, on + 4 * S, channels=True)
+    return View(on + S, on - S // 2, on + 7 * S // 2, channels=True)
 
 
 def growing_map(recording: Recording) -> View:
-    """Return what was seen after 15, 45 and 100 s, and the messages that share it then."""
+    """Return what was seen after 20, 60 and 100 s, and the messages that share it about then."""
     sent = first_frame(recording, 100 * S)
-    return View(sent + MS // 10, sent - 20 * MS, sent + 60 * MS, earlier=(15 * S, 45 * S), seen_m=4.0)
+    return View(sent + MS // 10, sent - 2 * S, sent + 2 * S, earlier=(20 * S, 60 * S), seen_m=4.0)
 
 
 PICTURES = (

@@ -37,30 +37,36 @@ class Sender:
         self._outbox: list[Outgoing] = []
 
     def receive(self, data: bytes, reception: Any, now: Time) -> None:
+        """Count a payload."""
         self.heard += 1
 
     def link(self, event: Any, now: Time) -> None:
-        pass
+        """Do nothing."""
 
     def observe(self, observation: Any, now: Time) -> None:
-        pass
+        """Do nothing."""
 
     def wake_at(self) -> Time | None:
+        """Return when the next payload is due."""
         return self.next
 
     def wake(self, now: Time) -> None:
+        """Send the payload that is due."""
         if self.flow is not None and self.next is not None and now >= self.next:
             self.next += from_seconds(self.flow.period_s)
             self._outbox.append(Outgoing(self.flow.destination, bytes(self.flow.octets)))
 
     def outbox(self) -> list[Outgoing]:
+        """Drain what is to be sent."""
         self._outbox, drained = [], self._outbox
         return drained
 
     def commands(self) -> list[Any]:
+        """Return none: nobody moves."""
         return []
 
     def events(self) -> list[Any]:
+        """Return none."""
         return []
 
 
@@ -68,12 +74,14 @@ class Referee:
     """Ends nothing, and judges nothing."""
 
     def look(self, x_m: Any, y_m: Any, now: Time) -> bool:
+        """Return that the run goes on."""
         return False
 
     def died(self, death: Any) -> None:
-        pass
+        """Do nothing."""
 
     def verdict(self, now: Time) -> dict[str, float]:
+        """Return nothing."""
         return {}
 
 
