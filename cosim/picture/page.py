@@ -82,7 +82,7 @@ def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
     """Return the data of the page, and the number of boxes in it."""
     columns, words = Columns(), Words()
     found = [_within(lane, span) for lane in lanes(recording)]
-    rows = [_lane(recording, lane, columns, words) for lane in found if len(lane.rows) for lane in _by_state(lane)]
+    rows = [_lane(recording, lane, columns, words) for lane in found if len(lane.rows) for lane in _apart(lane)]
     kinds = {kind for lane in found if lane.what != STATE for kind in lane.kinds}
     states = {kind for lane in found if lane.what == STATE for kind in lane.kinds}
     lost = {each for lane in found if lane.what != STATE for each in lane.outcomes if is_lost(lane.what, each)}
@@ -122,12 +122,17 @@ def _within(lane: Lane, span: tuple[Time, Time]) -> Lane:
     return _chosen(lane, np.flatnonzero((lane.starts < span[1]) & (lane.ends > span[0])))
 
 
-def _by_state(lane: Lane) -> list[Lane]:
-    """Return *lane*, or one for each state in it: those of one state seldom overlap."""
+def _apart(lane: Lane) -> list[Lane]:
+    """Return *lane*, or for states as many as there must be for none of their boxes to overlap."""
     if lane.what != STATE:
         return [lane]
-    kinds = np.array(lane.kinds, dtype=object)
-    return [_chosen(lane, np.flatnonzero(kinds == state)) for state in dict.fromkeys(lane.kinds)]
+    ends: list[Time] = []
+    places = []
+    for start, end in zip(lane.starts.tolist(), lane.ends.tolist(), strict=True):
+        place = next((number for number, before in enumerate(ends) if before <= start), len(ends))
+        ends[place : place + 1] = [end]
+        places.append(place)
+    return [_chosen(lane, np.flatnonzero(np.array(places) == place)) for place in range(len(ends))]
 
 
 def _chosen(lane: Lane, at: Int64s) -> Lane:

@@ -49,6 +49,10 @@ function lower(values, wanted) {  // number of the first that is not less
   return low;
 }
 
+function firstSeen(lane, time) {  // number of the first box that may still be there; states of one lane never overlap
+  return lane.what === "states" ? Math.max(0, lower(lane.starts, time) - 1) : lower(lane.starts, time - lane.longest);
+}
+
 // ---------------------------------------------------------------- where everything is
 
 function place(robot, time) {
@@ -182,7 +186,7 @@ function drawTrails(pen, X, Y) {
 
 function drawOnAir(pen, places, X, Y) {
   for (const lane of run.lanes) if (lane.what === "received") {
-    for (let row = lower(lane.starts, now - lane.longest); row < lane.starts.length && lane.starts[row] <= now; row++) {
+    for (let row = firstSeen(lane, now); row < lane.starts.length && lane.starts[row] <= now; row++) {
       if (lane.starts[row] + lane.lengths[row] <= now) continue;
       const [a, b] = places[lane.sources[row]], [c, d] = places[lane.robot];
       pen.strokeStyle = looks[word(lane.kinds[row])][0];
@@ -259,7 +263,7 @@ function drawAxis(pen, X, width) {
 }
 
 function drawLane(pen, lane, X, width) {
-  const first = lower(lane.starts, view.from - lane.longest), end = lower(lane.starts, view.to);
+  const first = firstSeen(lane, view.from), end = lower(lane.starts, view.to);
   if (end - first > MOST) return drawShares(pen, lane, X, width);
   pen.font = "10px system-ui, sans-serif";
   for (let row = first; row < end; row++) {
@@ -274,9 +278,9 @@ function drawLane(pen, lane, X, width) {
       pen.strokeRect(x + 0.3, lane.y + 0.3, wide - 0.6, lane.high - 0.6);
     }
     if (gone) hatch(pen, x, lane.y, wide, lane.high, fill);
-    const room = Math.min(wide, X(view.to) - Math.max(LEFT, x)), text = pen.measureText(kind).width;
+    const left = Math.max(LEFT, x), room = Math.min(x + wide, width - 8) - left, text = pen.measureText(kind).width;
     if (wide > 14 && text < room - 3) {
-      const at = Math.max(LEFT, x) + (Math.min(wide, room) - text) / 2;
+      const at = left + (room - text) / 2;
       if (gone) { pen.fillStyle = "#fff"; pen.fillRect(at - 1, lane.y + 2, text + 2, lane.high - 4); }
       pen.fillStyle = gone ? "#000" : ink;
       pen.fillText(kind, at, lane.y + lane.high - 4);
@@ -326,7 +330,7 @@ function drawSpectrum(pen, X) {
   pen.strokeRect(LEFT, frame.spectrum, 1e5, SPECTRUM);
   const a_row = SPECTRUM / 79;
   for (const lane of run.lanes) if (lane.what === "received" && lane.channels) {
-    const first = lower(lane.starts, view.from - lane.longest), end = lower(lane.starts, view.to);
+    const first = firstSeen(lane, view.from), end = lower(lane.starts, view.to);
     const stride = Math.max(1, Math.ceil((end - first) / 8000));
     for (let row = first; row < end; row += stride) if (lane.channels[row] >= 0) {
       const x = X(lane.starts[row]), y = frame.spectrum + SPECTRUM - (lane.channels[row] + 1) * a_row;
@@ -382,7 +386,7 @@ function step(direction, only) {
 function at(x, y) {
   for (const lane of run.lanes) if (y >= lane.y && y < lane.y + lane.high) {
     const time = frame.time(x), slack = frame.time(x + 3) - time;
-    for (let row = lower(lane.starts, time + slack) - 1; row >= 0 && lane.starts[row] >= time - lane.longest - slack; row--)
+    for (let row = lower(lane.starts, time + slack) - 1; row >= 0 && row >= firstSeen(lane, time - slack); row--)
       if (lane.starts[row] + lane.lengths[row] >= time - slack) return { lane, row };
   }
   return null;
@@ -399,7 +403,7 @@ function lists() {
   if (!document.querySelector("details").open) return;
   const found = [];
   for (const lane of run.lanes) {
-    const first = lower(lane.starts, view.from - lane.longest), last = lower(lane.starts, view.to);
+    const first = firstSeen(lane, view.from), last = lower(lane.starts, view.to);
     for (let row = first; row < Math.min(last, first + 300); row++)
       if (lane.starts[row] + lane.lengths[row] > view.from)
         found.push([lane.starts[row], lane.robot, lane.what, word(lane.kinds[row]), lane.channels ? lane.channels[row] : "", word(lane.outcomes[row])]);
