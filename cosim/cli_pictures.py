@@ -178,9 +178,10 @@ def _figure(recording: Recording, path: Path, options: Mapping[str, Any]) -> str
 
     found = lanes(recording)
     begin, end = (_time(recording, options, name) for name in ("from_s", "to_s"))
-    *earlier, at = sorted(_checked(recording, "--at", at_s) for at_s in options["ats_s"]) or [None]
-    if at is None:
-        at = first_moment(recording, found) if begin is None or end is None else (begin + end) // 2
+    moments = sorted(_checked(recording, "--at", at_s) for at_s in options["ats_s"])
+    if not moments:
+        moments = [first_moment(recording, found) if begin is None or end is None else (begin + end) // 2]
+    *earlier, at = moments
     begin, end = max(0, at - HALF) if begin is None else begin, at + HALF if end is None else end
     _check_span(begin, end)
     figure, seen = draw_moment(

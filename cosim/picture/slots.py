@@ -119,15 +119,15 @@ def _stacked(frames: Sequence[Box]) -> dict[Box, tuple[int, int]]:
     for group in groups.values():
         cluster: list[Box] = []
         rows: list[Time] = []
-        for box in [*group, None]:
-            if box is None or (rows and box.start >= max(rows)):
-                found |= {each: (found[each][0], len(rows)) for each in cluster}
+        for box in group:
+            if rows and box.start >= max(rows):
                 cluster, rows = [], []
-            if box is not None:
-                row = next((number for number, end in enumerate(rows) if end <= box.start), len(rows))
-                rows[row : row + 1] = [box.end]
-                found[box] = row, 1
-                cluster.append(box)
+            row = next((number for number, end in enumerate(rows) if end <= box.start), len(rows))
+            rows[row : row + 1] = [box.end]
+            cluster.append(box)
+            found[box] = row, len(rows)
+            if row == len(rows) - 1:
+                found |= {each: (found[each][0], len(rows)) for each in cluster}
     return found
 
 
@@ -153,7 +153,7 @@ def _draw_box(plot: Any, box: Box, span: tuple[float, float], place: tuple[float
             ground = None
         text, tall = box.name, high
     if width(text) <= right - left:
-        place = {"ha": "center", "va": "center_baseline", "zorder": 5, "clip_on": True}
+        how: dict[str, Any] = {"ha": "center", "va": "center_baseline", "zorder": 5, "clip_on": True}
         plot.text(
             (left + right) / 2,
             y + tall / 2,
@@ -161,7 +161,7 @@ def _draw_box(plot: Any, box: Box, span: tuple[float, float], place: tuple[float
             color=ink,
             fontsize=6.5 if tall >= HIGH / 1.5 else 5,
             bbox=ground,
-            **place,
+            **how,
         )
 
 
