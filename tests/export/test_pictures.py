@@ -4,6 +4,7 @@ import csv
 import os
 import re
 import stat
+from collections import Counter
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 from PIL import Image
+from shapely.geometry import LineString, Point
 
 from cosim.errors import UserError
 from cosim.export.lanes import lanes
@@ -23,6 +25,7 @@ from cosim.picture import film, moment
 from cosim.picture.colours import LOOKS, look
 from cosim.picture.film import write_film
 from cosim.picture.moment import View, draw_moment, save_moment
+from cosim.picture.seen import CELL_M, seen_floor
 from cosim.picture.window import boxes
 from cosim.units import MS, S
 from tests.export.recordings import sendings
@@ -273,3 +276,32 @@ def test_mcap_without_its_library_is_one_line(cosim: Any, monkeypatch: pytest.Mo
     monkeypatch.setattr(installed, "find_spec", lambda name: None)
     found = cosim("run", "examples/1_coverage.yaml", "--mcap", "a.mcap")
     assert (found.code, found.err) == (2, "MCAP files need what is not installed here: pip install 'mcap>=1.2'\n")
+
+
+# ---------------------------------------------------------------- what robots have seen
+
+
+@pytest.mark.slow
+def test_what_was_seen_is_what_is_in_range_and_in_sight(walls: Whole) -> None:
+    recording = walls[0]
+    range_m, now = 6.0, 5 * S
+    seen = seen_floor(recording, now, range_m)
+    stones = [LineString([(a, b), (c, d)]) for a, b, c, d in recording.scene["walls_m"]]
+    ticks, poses = recording.poses()
+    robots = [Point(*place[:2]) for place in poses[ticks == 0][0]]  # nobody moves in this run
+    draws = np.random.default_rng(3)
+    told = Counter[bool]()
+    for _ in range(600):
+        row, column = (int(draws.integers(0, size)) for size in seen.shape)
+        spot = Point((column + 0.5) * CELL_M, (row + 0.5) * CELL_M)
+        if min(stone.distance(spot) for stone in stones) < 3 * CELL_M:
+            continue
+        near = [robot for robot in robots if abs(robot.distance(spot) - range_m) < 2 * CELL_M]
+        ways = [LineString([robot, spot]) for robot in robots if robot.distance(spot) < range_m]
+        ends = [Point(end) for stone in stones for end in stone.coords]
+        if near or any(way.distance(end) < 3 * CELL_M for way in ways for end in ends):
+            continue  # at the edge of the range or of a shadow
+        visible = any(not any(way.intersects(stone) for stone in stones) for way in ways)
+        assert bool(seen[row, column]) == visible
+        told[visible] += 1
+    assert min(told[True], told[False]) > 20
