@@ -316,9 +316,9 @@ class Trace:
         return paths
 
 
-GROUP_ROWS: Final = 1 << 17
+GROUP_ROWS: Final = 1 << 16
 """Rows that are read together from a file of a trace: one of them is not to cost much."""
-_GROUPS_KEPT: Final = 3
+_GROUPS_KEPT: Final = 2
 _REPEATED: Final = ["kind", "outcome", "part", "state", "event"]
 """Columns of words, of which there are few different ones."""
 _FIRST_COLUMNS: Final = [[_TIME.name, _SOURCE.name], [field.name for field in INTERVALS.fields[:2]]]

@@ -281,7 +281,7 @@ def test_a_full_disk_or_an_interrupt_leaves_what_was_there(
     path = tmp_path / "poses.parquet"
     write_parquet(pa.table({"old": [1]}), path)
 
-    def full(table: Any, name: Any) -> None:
+    def full(table: Any, name: Any, **more: Any) -> None:
         Path(name).write_bytes(b"half a file")
         raise error
 

@@ -11,6 +11,7 @@ from cosim.timeline.codes import CUT, Codes
 from cosim.timeline.gathering import Gathering
 from cosim.timeline.lanes import Boxes
 from cosim.timeline.rows import SOURCES, columns_of, names_of
+from cosim.trace import TRANSMISSIONS
 
 STATE: Final = "states"
 SENT: Final = "sent"
@@ -56,15 +57,17 @@ def lanes(recording: Recording) -> list[Lane]:
     for (robot, radio, what, table), parts in groupby(made, key=lambda lane: (*lane.named[:3], lane.table)):
         columns = [np.concatenate(column) for column in zip(*(part.boxes for part in parts), strict=True)]
         boxes = Boxes(*columns)
-        found.append(
-            _worded((robot, radio, what, table), boxes.taken(np.lexsort((boxes.rows, boxes.starts))), gathering.codes)
-        )
+        boxes = boxes.taken(np.lexsort((boxes.rows, boxes.starts)))
+        found.append(_worded((robot, radio, what, table), boxes, gathering.codes, recording))
     return sorted(found, key=lambda lane: (lane.robot % (1 << 62), lane.radio, ORDER.index(lane.what)))
 
 
-def _worded(place: tuple[int, int, str, str], boxes: Boxes, codes: Codes) -> Lane:
-    kinds = [name for _, name in codes.kinds]
-    outcomes = [str(name) if place[2] != SENT or name == CUT else "" for name in codes.outcomes]
+def _worded(place: tuple[int, int, str, str], boxes: Boxes, codes: Codes, recording: Recording) -> Lane:
+    kinds, outcomes = [name for _, name in codes.kinds], [name for name, _ in codes.outcomes]
     starts, ends, rows = (column.astype(np.int64) for column in (boxes.starts, boxes.ends, boxes.rows))
-    words = [kinds[code] for code in boxes.kinds.tolist()], [outcomes[code] for code in boxes.outcomes.tolist()]
-    return Lane(*place, rows, starts, ends, *words)
+    found = [outcomes[code] for code in boxes.outcomes.tolist()]
+    if place[2] == SENT:  # whether anybody has lost it is told where it was to be received
+        told = place[3] == TRANSMISSIONS.name
+        whole = recording.column(place[3], "whole")[rows].tolist() if told else [True] * len(rows)
+        found = ["" if each else CUT for each in whole]
+    return Lane(*place, rows, starts, ends, [kinds[code] for code in boxes.kinds.tolist()], found)

@@ -1,5 +1,6 @@
 """The kinds and outcomes of boxes, by small numbers: what pages, exports and pictures call them."""
 
+from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
 from cosim.intervals import STATES
@@ -40,29 +41,35 @@ _GROUPS: Final = {
     MESSAGE: {MESSAGE: "a payload has arrived at a machine"},
     EVENT: dict[str, str](),
 }
+CHANNEL: Final = "channel"
 RECEIVED: Final = "received"
 CUT: Final = "cut"
 """The outcome of a transmission whose sender fell silent before its end."""
+NOWHERE: Final = -1
+"""The RF channel of lanes that are about none."""
+
+Outcome = tuple[str, str]
+"""What became of a frame, and the part of it that failed first."""
 
 
 class Codes:
     """Names by number, in the order in which they were first met."""
 
-    def __init__(self, kinds: list[list[str]] | None = None, outcomes: list[str] | None = None) -> None:
+    def __init__(self, kinds: Iterable[Sequence[str]] = (), outcomes: Iterable[Sequence[str]] = ()) -> None:
         self._kinds: dict[tuple[str, str], int] = {}
-        self._outcomes: dict[str, int] = {}
-        for group, name in kinds or ():
+        self._outcomes: dict[Outcome, int] = {}
+        for group, name in kinds:
             self.kind(group, name)
-        for name in outcomes or [""]:
-            self.outcome(name)
+        for name, part in outcomes or [("", "")]:
+            self.outcome(name, part)
 
     def kind(self, group: str, name: str) -> int:
         """Return the code of the kind *name* of *group*."""
         return self._kinds.setdefault((group, name), min(len(self._kinds), NO_KIND - 1))
 
-    def outcome(self, name: str) -> int:
-        """Return the code of the outcome *name*."""
-        return self._outcomes.setdefault(name, min(len(self._outcomes), 0xFF))
+    def outcome(self, name: str, part: str = "") -> int:
+        """Return the code of the outcome *name* of a frame whose *part* failed first."""
+        return self._outcomes.setdefault((name, part), min(len(self._outcomes), 0xFF))
 
     @property
     def kinds(self) -> list[tuple[str, str]]:
@@ -70,14 +77,14 @@ class Codes:
         return list(self._kinds)
 
     @property
-    def outcomes(self) -> list[str]:
-        """Names, by code."""
+    def outcomes(self) -> list[Outcome]:
+        """Names and parts, by code."""
         return list(self._outcomes)
 
     @property
     def lost(self) -> list[bool]:
         """Whether a frame of that outcome is lost, by code."""
-        return [is_lost(name) for name in self._outcomes]
+        return [is_lost(name) for name, _ in self._outcomes]
 
     @property
     def plain(self) -> dict[str, Any]:
@@ -86,7 +93,10 @@ class Codes:
             {"code": code, "name": name, "group": group, "meaning": _GROUPS[group].get(name, "")}
             for code, (group, name) in enumerate(self._kinds)
         ]
-        outcomes = [{"code": code, "name": name, "lost": is_lost(name)} for code, name in enumerate(self._outcomes)]
+        outcomes = [
+            {"code": code, "name": name, "part": part, "lost": is_lost(name)}
+            for code, (name, part) in enumerate(self._outcomes)
+        ]
         return {"kinds": kinds, "outcomes": outcomes}
 
 
@@ -99,29 +109,35 @@ class Named(NamedTuple):
     """Of what a lane is, and where it stands."""
 
     robot: int
-    """-1 for a jammer."""
+    """-1 for jammers and walls of loss, and where it is about an RF channel."""
     radio: int
     """-1 for the robot itself."""
     what: str
-    """states, sent, received, broadcasts, messages or events"""
+    """states, sent, received, broadcasts, messages, events or channel"""
     row: int = 0
     """Which of several of one kind, whose boxes would overlap in one."""
     several: bool = False
     """Whether robots have several radios."""
+    channel: int = NOWHERE
+    """RF channel k, 2402 + k MHz, of whose frames it is."""
 
     @property
     def name(self) -> str:
         """What people call it."""
-        who = "jammer" if self.robot < 0 else f"robot {self.robot}"
+        if self.channel != NOWHERE:
+            return f"channel {self.channel}" + (f", radio {self.radio}" if self.several else "")
+        if self.robot < 0:
+            return "jammers and walls" + (f" {self.row + 1}" if self.row else "")
+        who = f"robot {self.robot}"
         radio = f", radio {self.radio}" if self.several and self.radio >= 0 else ""
         what = "host" if self.radio < 0 and self.what == "states" else self.what
         return f"{who}{radio}: {what}" + (f" {self.row + 1}" if self.row else "")
 
     @property
-    def place(self) -> tuple[bool, int, int, int, int]:
-        """Its place from top to bottom: robots in order, hosts first, jammers last."""
-        return self.robot < 0, self.robot, self.radio, ORDER.index(self.what), self.row
+    def place(self) -> tuple[int, bool, int, int, int, int]:
+        """Its place from top to bottom: robots in order, hosts first, then jammers, then channels."""
+        return self.channel, self.robot < 0, self.robot, self.radio, ORDER.index(self.what), self.row
 
 
-ORDER: Final = ("states", "sent", "received", "broadcasts", "messages", "events")
+ORDER: Final = ("states", "sent", "received", "broadcasts", "messages", "events", CHANNEL)
 """What lanes there are, from top to bottom."""

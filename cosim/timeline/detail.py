@@ -4,13 +4,14 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol, TypeAlias
 
+from cosim.machine import BROADCAST
 from cosim.timeline.lanes import Lane
 from cosim.trace import FRAMES, MESSAGES, RECEPTIONS, TRANSMISSIONS
 from cosim.units import Time
 
 Row: TypeAlias = dict[str, Any]
-Decode: TypeAlias = Callable[[bytes], Any]
-"""(payload) -> what it says, as plain data or text; it may raise anything for bytes that are no message."""
+Decode: TypeAlias = Callable[[bytes, bool], Any]
+"""(payload, whether it is a router's packet) -> what it says, as plain data."""
 MOST_RECEPTIONS: Final = 200
 """Maximum number of receptions that are told of."""
 BYTES_IN: Final = {TRANSMISSIONS.name: "body", MESSAGES.name: "payload"}
@@ -36,13 +37,14 @@ def detail(tables: Tables, lane: Lane, number: int, decode: Decode | None = None
     about: Row = {"table": table, "fields": row, "transmission": None, "receptions": [], "bytes": "", "decoded": None}
     sent: Row | None = None
     if table in (TRANSMISSIONS.name, FRAMES.name):
-        rows = tables.at(TRANSMISSIONS.name, row["time_ns"])
-        sent = row if table == TRANSMISSIONS.name else next((each for each in rows if _same(each, row)), None)
+        rows = [each for each in tables.at(TRANSMISSIONS.name, row["time_ns"]) if _same(each, row)]
+        meant = [each for each in rows if each["destination"] in (row["destination"], BROADCAST)]
+        sent = row if table == TRANSMISSIONS.name else next(iter(meant), None)
         about["transmission"] = sent
-        about["receptions"] = _receptions(tables, row)[:MOST_RECEPTIONS]
+        about["receptions"] = _receptions(tables, row, rows)[:MOST_RECEPTIONS]
     carried = row.get(BYTES_IN.get(table, ""), "") if sent is None else sent[BYTES_IN[TRANSMISSIONS.name]]
     about["bytes"] = carried or ""
-    about["decoded"] = _decoded(decode, about["bytes"])
+    about["decoded"] = _decoded(decode, about["bytes"], sent is not None and bool(sent["routed"]))
     return about
 
 
@@ -52,11 +54,18 @@ def _same(one: Row, other: Row) -> bool:
     return all(one[name] == other[name] for name in names if name in one and name in other)
 
 
-def _receptions(tables: Tables, row: Row) -> list[Row]:
-    """Return what became of the transmission of *row* at whom; by its frames, if there are no rows of receptions."""
+def _receptions(tables: Tables, row: Row, sent: Sequence[Row]) -> list[Row]:
+    """Return what became of the transmission of *row* at whom; by its frames, if there are no rows of receptions.
+
+    *sent*: all transmissions of that robot and kind at that instant.
+    """
     heard = [each for each in tables.at(RECEPTIONS.name, row["time_ns"]) if _same(each, row)]
     if heard:
-        return heard
+        to = row["destination"]
+        alike = [each for each in sent if each["destination"] == to]
+        if len(alike) == len(sent) or to == BROADCAST:
+            return heard
+        return [each for each in heard if each["receiver"] == to]
     frames = [each for each in tables.at(FRAMES.name, row["time_ns"]) if _same(each, row)]
     none = {"power_dbm": None, "sinr_db": None}
     return [
@@ -65,12 +74,12 @@ def _receptions(tables: Tables, row: Row) -> list[Row]:
     ]  # fmt: skip
 
 
-def _decoded(decode: Decode | None, carried: str) -> Any:
+def _decoded(decode: Decode | None, carried: str, routed: bool) -> Any:
     """Return what the bytes say; None if nobody knows."""
     if decode is None or not carried:
         return None
     try:
-        said = decode(bytes.fromhex(carried))
+        said = decode(bytes.fromhex(carried), routed)
         json.dumps(said)
     except Exception:  # noqa: BLE001  # a protocol of others, and bytes that may be another's
         return None

@@ -6,10 +6,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.timeline.codes import Codes
+from cosim.timeline.codes import CHANNEL, Codes
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import levels_of
-from cosim.timeline.rows import SOURCES, Maker, by_time, distinct, in_order, lane_name
+from cosim.timeline.rows import SOURCES, Maker, all_of, by_time, distinct, in_order, lane_name
 from cosim.trace import FRAMES, Trace
 from cosim.units import Time
 
@@ -20,8 +20,13 @@ TABLE_OF: Final = {
     "broadcasts": "frames",
     "messages": "messages",
     "events": "events",
+    CHANNEL: "transmissions",
 }
 """The table that the rows of a lane's boxes belong to."""
+
+
+OF_SENDERS: Final = ("sent", CHANNEL)
+"""Lanes of transmissions, or of frames where there are no rows of these."""
 
 
 class Gathering:
@@ -43,13 +48,16 @@ class Gathering:
 
     def lanes(self) -> list[Lane]:
         """Return the lanes from top to bottom, without levels; what was taken is forgotten."""
-        found = []
+        found, lost = [], all_of(self._maker.losses)
         for what, key in list(self._parts):
             parts = self._parts.pop((what, key))
             boxes = in_order(Boxes(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
             table = TABLE_OF[what]
-            if what == "sent" and key[1] not in self._maker.sending:
-                table, boxes = FRAMES.name, distinct(boxes)
+            if what in OF_SENDERS:
+                if key[1] in self._maker.sending:
+                    lost.taken(lost.shown(what, key)).mark(boxes, what)
+                else:
+                    table, boxes = FRAMES.name, distinct(boxes, what)
             found.append(lane_of(Lane(lane_name(what, key, self.several), table, boxes)))
         return sorted(found, key=lambda lane: lane.named.place)
 
@@ -63,8 +71,10 @@ def lane_of(lane: Lane) -> Lane:
 
 
 def lost_codes(codes: Codes) -> Array:
-    """Return whether boxes are lost, by their codes of outcomes."""
-    return np.array(codes.lost, dtype=bool)
+    """Return whether boxes are lost, by their codes of outcomes; all that fit a byte, whatever a damaged index has."""
+    lost = np.zeros(1 << 8, dtype=bool)
+    lost[: len(codes.lost)] = codes.lost
+    return lost
 
 
 def lanes_of(trace: Trace) -> tuple[list[Lane], Codes]:

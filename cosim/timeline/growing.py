@@ -15,12 +15,12 @@ from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.timeline.codes import STATE, Codes
 from cosim.timeline.detail import Row
-from cosim.timeline.gathering import TABLE_OF, lost_codes
+from cosim.timeline.gathering import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.lanes import DTYPES, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
-from cosim.timeline.rows import RADIO, SOURCES, Maker, columns_of, distinct, lane_name
+from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name
 from cosim.trace import FRAMES, INTERVALS, Field, Table
-from cosim.units import Time
+from cosim.units import S, Time
 
 MOST_ROWS: Final = 2_000_000
 """Rows of all tables that are kept: beyond, a quarter of them is forgotten, the oldest ones."""
@@ -28,6 +28,9 @@ _UNSUMMED: Final = 1 << 14
 """Boxes of a lane, and beyond them an eighth of all, that may be in no level."""
 _OPEN: Final = (1 << 32) - (1 << 16)
 """The numbers of rows of intervals that are under way begin here."""
+
+_WAITED: Final[Time] = 10 * S
+"""Time after which the transmission of a lost frame is not waited for any more, ns."""
 
 Rows = Sequence[tuple[Any, ...]]
 
@@ -89,8 +92,8 @@ class GrowingLane(Lane):
             cut = int(np.searchsorted(self.boxes.starts, least, side="left"))
         late = Boxes(*(np.concatenate(pair) for pair in zip(self.boxes.taken(slice(cut, count)), new, strict=True)))
         late = late.taken(np.argsort(late.starts, kind="stable"))
-        if self.named.what == "sent" and self.table == FRAMES.name:
-            late = distinct(late)
+        if self.named.what in OF_SENDERS and self.table == FRAMES.name:
+            late = distinct(late, self.named.what)
         if self.levels is not None and cut < self.levels.summed:
             self.levels = None
         self._replace_from(cut, late)
@@ -116,6 +119,11 @@ class GrowingLane(Lane):
         self._room, self.boxes, self.levels = no_boxes(), no_boxes(), None
         self._replace_from(0, kept)
 
+    def unsum(self, time: Time) -> None:
+        """Forget the levels if they are about a box that begins at *time* or later."""
+        if self.levels is not None and int(self.boxes.starts[self.levels.summed - 1]) >= time:
+            self.levels = None
+
     def sum_up(self, codes: Codes) -> None:
         """Make levels anew if there are many boxes that are in none."""
         count = len(self.boxes.starts)
@@ -134,8 +142,9 @@ class Growing:
         self.forgotten = 0
         """Number of rows that are not kept any more."""
         self._tables = {table.name: Columns(table) for table in tables}
+        self._several = any(RADIO in table.names for name, table in self._tables.items() if name != INTERVALS.name)
         self._most = most
-        self._maker = Maker(self.codes)
+        self._maker = Maker(self.codes, late=True)
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
 
@@ -145,6 +154,7 @@ class Growing:
         for name in (*SOURCES, *(name for name in new if name not in SOURCES)):
             if new.get(name) and name in self._tables:
                 self._add(name, new[name])
+        self._mark_losses()
         self._show(under_way)
         if sum(map(len, self._tables.values())) > self._most:
             self._forget()
@@ -172,34 +182,55 @@ class Growing:
         details = None
         if name == INTERVALS.name:
             details = [_identity(Interval(*row)) for row in rows]
-        several = RADIO in table.names and name != INTERVALS.name
         for made in self._maker.made(name, columns_of(name, columns), first, details):
             for key, boxes in made.by_lane():
-                lane = self._lane(made.what, key, several)
-                if made.what == "sent" and name != lane.table:  # its transmissions are told after all
+                lane = self._lane(made.what, key)
+                if made.what in OF_SENDERS and name != lane.table:  # its transmissions are told after all
                     lane.table = name
                     lane.forget(1 << 32)
                 lane.add(boxes)
                 lane.sum_up(self.codes)
 
-    def _lane(self, what: str, key: tuple[int, int, int], several: bool = False) -> GrowingLane:
+    def _mark_losses(self) -> None:
+        """Have the lanes of senders show what receivers have lost; keep for later what they do not show yet."""
+        lost = all_of(self._maker.losses)
+        self._maker.losses.clear()
+        waits = np.ones(len(lost.times), dtype=bool)
+        if not len(lost.times):
+            return
+        for (what, key), number in self._numbers.items():
+            lane = self.lanes[number]
+            if what in OF_SENDERS and lane.table != FRAMES.name:
+                here = lost.shown(what, key)
+                there = lost.taken(here).mark(lane.boxes, what)
+                if what == "sent":
+                    waits[here] = ~there
+                if lane.levels is not None and there.any():
+                    lane.unsum(int(lost.times[here].min()))
+        waits &= lost.times > self.now - _WAITED
+        if waits.any():
+            self._maker.losses.append(lost.taken(waits))
+
+    def _lane(self, what: str, key: tuple[int, int, int]) -> GrowingLane:
         if (what, key) not in self._numbers:
             self._numbers[what, key] = len(self.lanes)
-            table = FRAMES.name if what == "sent" and key[1] not in self._maker.sending else TABLE_OF[what]
-            self.lanes.append(GrowingLane(lane_name(what, key, several), table, no_boxes()))
+            of_frames = what in OF_SENDERS and key[1] not in self._maker.sending
+            table = FRAMES.name if of_frames else TABLE_OF[what]
+            self.lanes.append(GrowingLane(lane_name(what, key, self._several), table, no_boxes()))
         return self.lanes[self._numbers[what, key]]
 
     def _show(self, under_way: Sequence[Interval]) -> None:
         """Have the lanes show the intervals *under_way*."""
         for lane in self.lanes:
-            lane.under_way = no_boxes()
+            if len(lane.under_way.starts):
+                lane.under_way = no_boxes()
         self._open = sorted(under_way)
         for at, each in enumerate(self._open):
             key = each.robot, each.radio
             which = self._maker.stacks.hold(_identity(each), key, each.start)
             lane = self._lane("states", (*key, which))
             kind = self.codes.kind(STATE, each.state)
-            box = each.start, max(self.now, each.start), kind, 0, _OPEN + at
+            box = each.start, max(self.now, each.start), kind, 0, _OPEN + at, -1
             more = Boxes(*(np.array([value], dtype=dtype) for value, dtype in zip(box, DTYPES, strict=True)))
             lane.under_way = Boxes(*(np.concatenate(pair) for pair in zip(lane.under_way, more, strict=True)))
 

@@ -5,10 +5,12 @@ The folder holds the columns of all lanes one after the other, and of all their 
 not fit these is made anew. The folder is written whole and renamed; if that cannot be done, lanes are kept in memory.
 """
 
+import ctypes
 import json
 import os
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,7 +33,7 @@ _HEADER_BYTES: Final = 128
 FORMAT: Final = 1
 """Changes whenever what is written would be misread."""
 Told = Callable[[int, int], None]
-"""(rows that are read, all rows): what shows progress."""
+"""(what is done, all there is to do): what shows progress."""
 
 
 class Index:
@@ -54,7 +56,7 @@ def opened(
     if place.is_dir():
         try:
             return read(place, stamp)
-        except _Unfit as error:
+        except _UnfitError as error:
             say(f"{place}: {error}: made anew")
     index = made(folder, told)
     try:
@@ -62,10 +64,18 @@ def opened(
     except OSError as error:
         say(f"{place}: cannot be written ({error.strerror or error}): the next opening takes as long")
         return index
+    del index
+    _give_back()
     return read(place, stamp)
 
 
-class _Unfit(Exception):
+def _give_back() -> None:
+    """Have the C library give free memory back to the system, where it does: it keeps hundreds of megabytes."""
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+class _UnfitError(Exception):
     """An index is not one of the tables beside it, or is damaged."""
 
 
@@ -80,7 +90,8 @@ def stamp_of(folder: Path) -> dict[str, list[int]]:
 def made(folder: Path, told: Told = lambda done, total: None) -> Index:
     """Return the lanes of the tables in *folder*, in memory."""
     files = {table: TableFile(folder / f"{table}.parquet") for table in stamp_of(folder)}
-    total, done = sum(map(len, files.values())), 0
+    rows = sum(map(len, files.values()))
+    total, done = 2 * rows, 0  # to read them, and to sum up their boxes
     gathering = Gathering()
     for table in SOURCES:
         if table in files:
@@ -92,8 +103,11 @@ def made(folder: Path, told: Told = lambda done, total: None) -> Index:
                 told(done, total)
     lanes = gathering.lanes()
     lost = lost_codes(gathering.codes)
+    boxes, summed = max(1, sum(len(lane.boxes.starts) for lane in lanes)), 0
     for lane in lanes:
         lane.levels = levels_of(lane.boxes, lost)
+        summed += len(lane.boxes.starts)
+        told(rows + rows * summed // boxes, total)
     return Index(lanes, gathering.codes)
 
 
@@ -119,7 +133,7 @@ def _about(index: Index, stamp: dict[str, list[int]]) -> dict[str, Any]:
     lanes = []
     for lane in index.lanes:
         levels = lane.levels
-        known = {"count": len(lane.boxes.starts), "longest": lane.longest, "disjoint": lane.disjoint}
+        known: dict[str, Any] = {"count": len(lane.boxes.starts), "longest": lane.longest, "disjoint": lane.disjoint}
         known |= {"named": list(lane.named), "table": lane.table}
         known |= {"lowest": levels.lowest, "levels": [len(each.cells) for each in levels.levels]} if levels else {}
         lanes.append(known)
@@ -135,7 +149,7 @@ def _write_columns(folder: Path, names: Any, dtypes: Any, parts: list[Any]) -> N
             header = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": (total,)}
             np.lib.format.write_array_header_1_0(file, header)
             for part in parts:
-                file.write(memoryview(np.ascontiguousarray(part[at], dtype=dtype)).cast("B"))
+                np.ascontiguousarray(part[at], dtype=dtype).tofile(file)
 
 
 def read(place: Path, stamp: dict[str, list[int]]) -> Index:
@@ -143,15 +157,17 @@ def read(place: Path, stamp: dict[str, list[int]]) -> Index:
     try:
         about = json.loads((place / FILE).read_text(encoding="utf-8"))
         if about["format"] != FORMAT or about["stamp"] != stamp:
-            raise _Unfit("is not about the tables as they are")
+            raise _UnfitError("is not about the tables as they are")
         if any((place / name).stat().st_size != size for name, size in about["sizes"].items()):
-            raise _Unfit("is damaged")
-        boxes = Boxes(*(_mapped(place / f"{name}.npy", dtype) for name, dtype in zip(Boxes._fields, DTYPES)))
+            raise _UnfitError("is damaged")
+        boxes = Boxes(
+            *(_mapped(place / f"{name}.npy", dtype) for name, dtype in zip(Boxes._fields, DTYPES, strict=True))
+        )
         names = zip(Entries._fields, ENTRY_DTYPES, strict=True)
         entries = Entries(*(_mapped(place / f"level_{name}.npy", dtype) for name, dtype in names))
         return _assembled(about, boxes, entries)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise _Unfit("is damaged") from error
+        raise _UnfitError("is damaged") from error
 
 
 def _assembled(about: dict[str, Any], boxes: Boxes, entries: Entries) -> Index:
@@ -166,14 +182,14 @@ def _assembled(about: dict[str, Any], boxes: Boxes, entries: Entries) -> Index:
         summed = Levels(known["lowest"], levels, known["count"]) if levels else None
         lanes.append(Lane(Named(*known["named"]), known["table"], own, known["longest"], known["disjoint"], summed))
     if at != len(boxes.starts) or level_at != len(entries.cells):
-        raise _Unfit("is damaged")
+        raise _UnfitError("is damaged")
     return Index(lanes, Codes(about["kinds"], about["outcomes"]))
 
 
 def _mapped(path: Path, dtype: Any) -> Array:
     array = np.load(path, mmap_mode="r" if path.stat().st_size > _HEADER_BYTES else None, allow_pickle=False)
     if array.dtype != dtype or array.ndim != 1:
-        raise _Unfit("is damaged")
+        raise _UnfitError("is damaged")
     return np.asarray(array)  # a view without a memmap's costs
 
 

@@ -24,13 +24,15 @@ class Boxes(NamedTuple):
     """uint8"""
     rows: Array
     """uint32, number of the row in the table that the lane is made from"""
+    peers: Array
+    """int16, the robot at the other end of a frame or message; -1 for all or none"""
 
     def taken(self, which: Any) -> "Boxes":
         """Return those that *which* selects: a slice, numbers, or a mask."""
         return Boxes(*(column[which] for column in self))
 
 
-DTYPES = Boxes(np.int64, np.int64, np.uint16, np.uint8, np.uint32)  # type: ignore[arg-type]
+DTYPES = Boxes(np.int64, np.int64, np.uint16, np.uint8, np.uint32, np.int16)  # type: ignore[arg-type]
 """Types of the columns."""
 
 

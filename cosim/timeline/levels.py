@@ -46,7 +46,7 @@ class Cells(NamedTuple):
     """Neighbouring cells, in columns."""
 
     codes: Array
-    """uint16: the kind with the greatest share of time, then of boxes, then the lowest code; a lost one before others"""
+    """uint16: the kind that covers most of it, or else of which most boxes begin there; kinds of lost boxes first"""
     shares: Array
     """uint8: what part of the cell all its boxes cover, 255 for all of it or more; at least 1 if any does"""
     lost: Array
@@ -158,26 +158,26 @@ def _lowest(boxes: Boxes, lost: Array, shift: int) -> Entries:
 
 def cells_of(entries: Entries, shift: int, first: int, count: int) -> Cells:
     """Return the *count* cells from number *first* on, of width 2^shift, from *entries* that are about no others."""
-    used = np.unique(entries.kinds)
-    width = max(1, len(used))
-    keys = (entries.cells - first) * width + np.searchsorted(used, entries.kinds)
-    shape = count, width
-    times = np.bincount(keys, entries.times, count * width).reshape(shape)
-    begun = np.bincount(keys, entries.counts, count * width).reshape(shape)
-    touched = np.bincount(keys, minlength=count * width).reshape(shape) > 0
-    bad = np.bincount(keys, entries.lost, count * width).reshape(shape) > 0
-    lost = bad.any(axis=1)
-    eligible = np.where(lost[:, None], bad, touched)
-    longest = np.where(eligible, times, -1.0)
-    eligible &= longest == longest.max(axis=1, keepdims=True)
-    best = np.where(eligible, begun, -1.0).argmax(axis=1)
+    used = np.flatnonzero(np.bincount(entries.kinds)).tolist()
+    row = np.zeros(max(used, default=0) + 1, dtype=np.int64)
+    row[used] = np.arange(len(used)) * count
+    keys = row[entries.kinds] + (entries.cells - first)
+    shape = len(used), count  # a row a kind: what is done to all its cells at once is fast
+    times = np.bincount(keys, entries.times, len(used) * count).reshape(shape)
+    begun = np.bincount(keys, entries.counts, len(used) * count).reshape(shape)
+    there: Array = (times > 0) | (begun > 0)
+    lost = np.zeros(count, dtype=bool)
+    if entries.lost.any():
+        bad: Array = np.bincount(keys, entries.lost, len(used) * count).reshape(shape) > 0
+        np.any(bad, axis=0, out=lost)
+        there &= bad | ~lost
     codes = np.full(count, NO_KIND, dtype=np.uint16)
-    there = touched.any(axis=1)
-    if len(used):
-        codes[there] = used[best[there]]
-    covered = times.sum(axis=1)
-    shares = np.minimum(255, np.ceil(covered * (255 / (1 << shift)))).astype(np.uint8)
-    return Cells(codes, shares, lost.astype(np.uint8), begun.sum(axis=1).astype(np.uint32))
+    longest, most = np.full(count, -1.0), np.full(count, -1.0)
+    for kind, own, time, begins in zip(used, there, times, begun, strict=True):
+        better = own & ((time > longest) | ((time == longest) & (begins > most)))
+        codes[better], longest[better], most[better] = kind, time[better], begins[better]
+    shares: Array = np.ceil(times.sum(axis=0) * (255 / (1 << shift))).clip(max=255).astype(np.uint8)
+    return Cells(codes, shares, lost.astype(np.uint8), begun.sum(axis=0).astype(np.uint32))
 
 
 def cell_range(start: Time, end: Time, shift: int) -> tuple[int, int]:

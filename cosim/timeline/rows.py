@@ -6,18 +6,18 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cosim.intervals import HOST, INTERVALS
-from cosim.timeline.codes import CUT, EVENT, FRAME, MESSAGE, STATE, Codes, Named
+from cosim.intervals import HOST
+from cosim.timeline.codes import CHANNEL, CUT, EVENT, FRAME, MESSAGE, STATE, Codes, Named
 from cosim.timeline.lanes import Array, Boxes
-from cosim.trace import FRAMES, MESSAGES, TRANSMISSIONS, Trace
+from cosim.trace import FRAMES, INTERVALS, MESSAGES, TRANSMISSIONS, Trace
 from cosim.units import Time
 
 EVENTS: Final = "events"
 SOURCES: Final[dict[str, tuple[str, ...]]] = {
-    TRANSMISSIONS.name: ("time_ns", "source", "duration_ns", "kind", "whole"),
-    FRAMES.name: ("time_ns", "source", "destination", "duration_ns", "kind", "outcome"),
+    TRANSMISSIONS.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "whole"),
+    FRAMES.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "outcome", "part"),
     INTERVALS.name: ("start_ns", "robot", "end_ns", "radio", "state"),
-    MESSAGES.name: ("time_ns", "source"),
+    MESSAGES.name: ("time_ns", "source", "sender"),
     EVENTS: ("time_ns", "source", "event"),
 }
 """Tables whose rows are boxes, in the order in which they are to be read, with the columns that tell which."""
@@ -26,28 +26,32 @@ MOST_STACKED: Final = 16
 """Lanes of overlapping boxes of one kind; the last one takes all that have no place in the others."""
 
 
+_TOGETHER: Final = 8
+"""Frames of one lane that begin at one instant, at most: those beyond show no loss."""
+
+
 class Made(NamedTuple):
     """Boxes of one kind of lanes, of several robots."""
 
     what: str
     robots: Array
     radios: Array
-    stacked: Array
-    """Which of the lanes of that kind."""
+    which: Array
+    """Which of the lanes of that kind: of those in which others would overlap, or of those of channels."""
     boxes: Boxes
 
     def by_lane(self) -> Iterator[tuple[tuple[int, int, int], Boxes]]:
         """Yield (robot, radio, which) and the boxes of each lane, in their order."""
         if not len(self.robots):
             return
-        keys = ((self.robots + 1) << 16) | ((self.radios + 1) << 8) | self.stacked
+        keys = ((self.robots + 1) << 24) | ((self.radios + 1) << 16) | self.which
         lanes, numbers = np.unique(keys, return_inverse=True)
         if len(lanes) < 1 << 16:
             numbers = numbers.astype(np.uint16)  # which NumPy sorts by its bytes
         order = np.argsort(numbers, kind="stable")
         edges = np.concatenate(([0], np.cumsum(np.bincount(numbers, minlength=len(lanes)))))
         for at, lane in enumerate(lanes.tolist()):
-            key = (lane >> 16) - 1, (lane >> 8 & 0xFF) - 1, lane & 0xFF
+            key = (lane >> 24) - 1, (lane >> 16 & 0xFF) - 1, lane & 0xFFFF
             yield key, self.boxes.taken(order[edges[at] : edges[at + 1]])
 
 
@@ -85,14 +89,64 @@ class Stacks:
         return at
 
 
+class Losses(NamedTuple):
+    """Frames that a receiver has lost: what is to be shown at those who have sent them."""
+
+    times: Array
+    sources: Array
+    radios: Array
+    channels: Array
+    kinds: Array
+    outcomes: Array
+
+    def shown(self, what: str, key: tuple[int, int, int]) -> Array:
+        """Return a mask of those that the lane *key* of the kind *what* shows."""
+        robot, radio, which = key
+        mask: Array = (self.radios == radio) & (self.channels == which if what == CHANNEL else self.sources == robot)
+        return mask
+
+    def taken(self, which: Array) -> "Losses":
+        """Return those that *which* selects."""
+        return Losses(*(column[which] for column in self))
+
+    def mark(self, boxes: Boxes, what: str) -> Array:
+        """Give the *boxes* of these frames, sorted by their starts, the outcome; return which frames have one."""
+        there = np.zeros(len(self.times), dtype=bool)
+        if not len(boxes.starts):
+            return there
+        at = np.searchsorted(boxes.starts, self.times, side="left")
+        for ahead in range(_TOGETHER):
+            here = np.minimum(at + ahead, len(boxes.starts) - 1)
+            same = (boxes.starts[here] == self.times) & (boxes.kinds[here] == self.kinds)
+            if what == CHANNEL:
+                same &= boxes.peers[here] == self.sources
+            boxes.outcomes[here[same]] = self.outcomes[same]
+            there |= same
+        return there
+
+
+def all_of(parts: Sequence[Losses]) -> Losses:
+    """Return the frames of all *parts*."""
+    none = Losses(*(np.zeros(0, dtype=dtype) for dtype in _LOSSES))
+    return Losses(*(np.concatenate(columns) for columns in zip(none, *parts, strict=True)))
+
+
+_LOSSES: Final = (np.int64, np.int64, np.int64, np.int64, np.uint16, np.uint8)
+"""Types of the columns of losses."""
+
+
 class Maker:
     """Makes boxes of rows: a table's columns are arrays of numbers, and (codes, words by code) for text."""
 
-    def __init__(self, codes: Codes, stacks: Stacks | None = None) -> None:
+    def __init__(self, codes: Codes, late: bool = False) -> None:
+        """*late*: rows of a radio's transmissions may come after those of its frames."""
         self.codes = codes
-        self.stacks = stacks or Stacks()
+        self.stacks = Stacks()
+        self._late = late
         self.sending: set[int] = set()
         """Radios of whose transmissions there are rows."""
+        self.losses: list[Losses] = []
+        """Frames of these radios that a receiver has lost."""
 
     def made(self, table: str, columns: Mapping[str, Any], first: int, details: Any = None) -> list[Made]:
         """Return the boxes of the rows of *table* from number *first* on."""
@@ -101,43 +155,63 @@ class Maker:
         return made
 
     def _transmissions(self, columns: Mapping[str, Any], first: int) -> list[Made]:
-        outcomes = np.where(columns["whole"], 0, self.codes.outcome(CUT)).astype(np.uint8)
-        radios = _radios(columns)
+        cut = ~columns["whole"]
+        outcomes = np.where(cut, self.codes.outcome(CUT) if cut.any() else 0, 0).astype(np.uint8)
+        radios, sources = _radios(columns), columns["source"]
         self.sending.update(np.unique(radios).tolist())
         boxes = self._frame_boxes(columns, outcomes, first)
-        return [_made("sent", columns["source"], radios, boxes)]
+        sent = _made("sent", sources, radios, boxes._replace(peers=_peers(columns["destination"])))
+        return [sent, _on_channels(columns, radios, boxes._replace(peers=_peers(sources)))]
 
     def _frames(self, columns: Mapping[str, Any], first: int) -> list[Made]:
-        codes, words = columns["outcome"]
-        outcomes = _lut([self.codes.outcome(word) for word in words], np.uint8)[codes]
-        radios, robots = _radios(columns), columns["destination"]
-        boxes = self._frame_boxes(columns, outcomes, first)
+        radios, robots, sources = _radios(columns), columns["destination"], columns["source"]
+        boxes = self._frame_boxes(columns, self._outcomes(columns), first)._replace(peers=_peers(sources))
         to_one = robots >= 0
-        made = [_made("received", robots, radios, boxes, to_one)]
         told = np.isin(radios, sorted(self.sending))
-        made.append(_made("broadcasts", columns["source"], radios, boxes, told & ~to_one))
-        sent = boxes._replace(outcomes=np.where(to_one, 0, outcomes).astype(np.uint8))
-        made.append(_made("sent", columns["source"], radios, sent, ~told))
+        lost = _lut(self.codes.lost, bool)[boxes.outcomes]
+        missed = lost if self._late else told & lost
+        if missed.any():
+            shown = boxes.starts, sources, radios, columns["channel"], boxes.kinds, boxes.outcomes
+            self.losses.append(Losses(*(column[missed] for column in shown)))
+        made = [_made("received", robots, radios, boxes, to_one)]
+        made.append(_made("broadcasts", sources, radios, boxes, told & ~to_one))
+        if not told.all():
+            sent = boxes._replace(outcomes=np.where(lost, boxes.outcomes, 0).astype(np.uint8))
+            made.append(_made("sent", sources, radios, sent._replace(peers=_peers(robots)), ~told))
+            made.append(_on_channels(columns, radios, sent, ~told))
         return made
+
+    def _outcomes(self, columns: Mapping[str, Any]) -> Array:
+        """Return the codes of the outcomes of rows of frames, and of the parts that failed."""
+        (outcomes, words), (parts, part_words) = columns["outcome"], columns["part"]
+        pairs = outcomes.astype(np.int64) * max(1, len(part_words)) + parts
+        table = np.zeros(max(1, len(words) * max(1, len(part_words))), dtype=np.uint8)
+        for pair in np.unique(pairs).tolist():
+            word, part = divmod(pair, len(part_words))
+            table[pair] = self.codes.outcome(words[word], part_words[part])
+        codes: Array = table[pairs]
+        return codes
 
     def _frame_boxes(self, columns: Mapping[str, Any], outcomes: Array, first: int) -> Boxes:
         starts = columns["time_ns"]
         kinds = self._kinds(FRAME, columns["kind"])
-        return Boxes(starts, starts + columns["duration_ns"], kinds, outcomes, _numbers(first, starts))
+        ends, rows = starts + columns["duration_ns"], _numbers(first, starts)
+        return Boxes(starts, ends, kinds, outcomes, rows, _nobody(starts))
 
     def _intervals(self, columns: Mapping[str, Any], first: int, details: Any) -> list[Made]:
         starts, ends = columns["start_ns"], columns["end_ns"]
         robots, radios = columns["robot"], columns["radio"]
-        rows = zip(starts.tolist(), ends.tolist(), robots.tolist(), radios.tolist(), strict=True)
+        spans = zip(starts.tolist(), ends.tolist(), robots.tolist(), radios.tolist(), strict=True)
         if details is None:
-            stacked = [self.stacks.place((robot, radio), start, end) for start, end, robot, radio in rows]
+            stacked = [self.stacks.place((robot, radio), start, end) for start, end, robot, radio in spans]
         else:
             stacked = [
                 at if (at := self.stacks.release(detail, detail[:2], row[1])) is not None
                 else self.stacks.place(detail[:2], row[0], row[1])
-                for row, detail in zip(rows, details, strict=True)
+                for row, detail in zip(spans, details, strict=True)
             ]  # fmt: skip
-        boxes = Boxes(starts, ends, self._kinds(STATE, columns["state"]), _zeros(starts), _numbers(first, starts))
+        kinds, rows = self._kinds(STATE, columns["state"]), _numbers(first, starts)
+        boxes = Boxes(starts, ends, kinds, _zeros(starts), rows, _nobody(starts))
         return [Made("states", robots, radios, np.array(stacked, dtype=np.int64), boxes)]
 
     def _messages(self, columns: Mapping[str, Any], first: int) -> list[Made]:
@@ -150,7 +224,8 @@ class Maker:
 
     def _instants(self, what: str, columns: Mapping[str, Any], kinds: Array, first: int) -> Made:
         times = columns["time_ns"]
-        boxes = Boxes(times, times, kinds, _zeros(times), _numbers(first, times))
+        peers = _peers(columns["sender"]) if "sender" in columns else _nobody(times)
+        boxes = Boxes(times, times, kinds, _zeros(times), _numbers(first, times), peers)
         return _made(what, columns["source"], np.full(len(times), HOST, dtype=np.int64), boxes)
 
     def _kinds(self, group: str, column: tuple[Array, Sequence[str]]) -> Array:
@@ -158,8 +233,24 @@ class Maker:
         return _lut([self.codes.kind(group, word) for word in words], np.uint16)[codes]
 
 
-def _lut(codes: list[int], dtype: Any) -> Array:
+def _on_channels(columns: Mapping[str, Any], radios: Array, boxes: Boxes, mask: Array | None = None) -> Made:
+    """Return the boxes of RF channels, whose robot is nobody."""
+    channels = columns["channel"]
+    there = channels >= 0 if mask is None else mask & (channels >= 0)
+    nobody = np.full(len(channels), -1, dtype=np.int64)
+    return Made(CHANNEL, nobody[there], radios[there], channels[there], boxes.taken(there))
+
+
+def _lut(codes: Sequence[int], dtype: Any) -> Array:
     return np.array(codes or [0], dtype=dtype)
+
+
+def _peers(robots: Array) -> Array:
+    return np.clip(robots, -2, np.iinfo(np.int16).max).astype(np.int16)
+
+
+def _nobody(column: Array) -> Array:
+    return np.full(len(column), -1, dtype=np.int16)
 
 
 def _zeros(column: Array) -> Array:
@@ -181,11 +272,22 @@ def _made(what: str, robots: Array, radios: Array, boxes: Boxes, mask: Array | N
     return Made(what, robots, radios, np.zeros(len(robots), dtype=np.int64), boxes)
 
 
-def distinct(boxes: Boxes) -> Boxes:
-    """Return *boxes* with one of those of equal start and kind: rows of the receivers of one frame."""
+def distinct(boxes: Boxes, what: str) -> Boxes:
+    """Return *boxes* of a lane of the kind *what* with one of those that are rows of one frame.
+
+    It is lost if any of them is, and meant for all if they have several peers.
+    """
     same = np.zeros(len(boxes.starts), dtype=bool)
     same[1:] = (boxes.starts[1:] == boxes.starts[:-1]) & (boxes.kinds[1:] == boxes.kinds[:-1])
-    return boxes.taken(~same) if same.any() else boxes
+    if what == CHANNEL:  # the peer is the sender
+        same[1:] &= boxes.peers[1:] == boxes.peers[:-1]
+    if not same.any():
+        return boxes
+    firsts = np.flatnonzero(~same)
+    outcomes = np.maximum.reduceat(boxes.outcomes, firsts)
+    several = np.minimum.reduceat(boxes.peers, firsts) != np.maximum.reduceat(boxes.peers, firsts)
+    peers = np.where(several, -1, boxes.peers[firsts]).astype(np.int16)
+    return boxes.taken(firsts)._replace(outcomes=outcomes, peers=peers)
 
 
 def in_order(boxes: Boxes) -> Boxes:
@@ -204,7 +306,7 @@ def columns_of(table: str, columns: Mapping[str, Sequence[Any]]) -> dict[str, An
     found: dict[str, Any] = {}
     for name in names_of(table, list(columns)):
         column = columns[name]
-        if name in ("kind", "outcome", "state", "event"):
+        if name in ("kind", "outcome", "part", "state", "event"):
             words = list(dict.fromkeys(column))
             codes = {word: code for code, word in enumerate(words)}
             found[name] = np.array([codes[word] for word in column], dtype=np.int64), words
@@ -215,14 +317,14 @@ def columns_of(table: str, columns: Mapping[str, Sequence[Any]]) -> dict[str, An
 
 def by_time(trace: Trace, table: str) -> dict[str, Any]:
     """Return what a :class:`Maker` takes of *table* of *trace*, its rows in the order in which they are stored."""
-    columns = columns_of(table, trace.columns(table))
-    order = np.argsort(columns[SOURCES[table][0]], kind="stable")
-    return {
-        name: (column[0][order], column[1]) if isinstance(column, tuple) else column[order]
-        for name, column in columns.items()
-    }
+    columns = trace.columns(table)
+    order = np.argsort(np.array(columns[SOURCES[table][0]], dtype=np.int64), kind="stable").tolist()
+    return columns_of(table, {name: [column[at] for at in order] for name, column in columns.items()})
 
 
 def lane_name(what: str, key: tuple[int, int, int], several: bool) -> Named:
     """Return what the lane *key*, (robot, radio, which), of the kind *what* is called."""
-    return Named(key[0], key[1], what, key[2], several)
+    robot, radio, which = key
+    if what == CHANNEL:
+        return Named(robot, radio, what, 0, several, which)
+    return Named(robot, radio, what, which, several)

@@ -1,6 +1,6 @@
 """The next box of a kind, of a robot, or that is lost, forwards and backwards in time."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -30,16 +30,21 @@ class Place(NamedTuple):
 
 
 def find(
-    lanes: Sequence[Lane], wanted: Wanted, begin: Time, back: bool, lost: Array, present: tuple[int, int] | None = None
+    lanes: Iterable[tuple[int, Lane]],
+    wanted: Wanted,
+    begin: Time,
+    back: bool,
+    lost: Array,
+    present: tuple[int, int] | None = None,
 ) -> Place | None:
-    """Return the first box after *begin*, or the last one before it if *back*; None if there is none.
+    """Return the first box of *lanes*, numbered ones, from *begin* on, or if *back* the last one before; None if none.
 
-    With *present*, the (lane, row) of a box that begins at *begin*, others that begin then count too, in the order of
-    lanes and rows. *lost*: whether boxes are, by their codes of outcomes.
+    With *present*, the (lane, row) of a box that begins at *begin*, it is the next one after that, or before, in the
+    order of starts, lanes and rows. *lost*: whether boxes are, by their codes of outcomes.
     """
     best: Place | None = None
     here = None if present is None else Place(begin, *present)
-    for at, lane in enumerate(lanes):
+    for at, lane in lanes:
         if wanted.robot is None or lane.named.robot == wanted.robot:
             found = _in_lane(at, lane, wanted, begin, back, lost, here, best)
             if found is not None and (best is None or (found > best if back else found < best)):
@@ -58,8 +63,7 @@ def _in_lane(
     best: Place | None,
 ) -> Place | None:
     starts = lane.boxes.starts
-    with_ties = here is not None
-    side: Literal["left", "right"] = "right" if back == with_ties else "left"
+    side: Literal["left", "right"] = "right" if back and here is not None else "left"
     at = int(np.searchsorted(starts, begin, side=side))
     size = _FEWEST
     while (at > 0) if back else (at < len(starts)):

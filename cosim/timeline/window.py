@@ -47,7 +47,7 @@ def window(lanes: Sequence[Lane], start: Time, end: Time, step: Time, lost: Arra
 
 def _count(lane: Lane, start: Time, end: Time) -> int:
     span = lane.span(start, end)
-    return span.stop - span.start + len(lane.under_way.starts)
+    return int(span.stop) - int(span.start) + len(lane.under_way.starts)
 
 
 def cells(lane: Lane, shift: int, first: int, end: int, lost: Array) -> Cells:
@@ -59,6 +59,7 @@ def cells(lane: Lane, shift: int, first: int, end: int, lost: Array) -> Cells:
     else:
         span = lane.span(start, stop)
         rest = lane.boxes.taken(slice(max(span.start, lane.levels.summed), span.stop))
-        parts = [found, *(pieces(boxes, lost, shift, first, end) for boxes in (rest, lane.under_way))]
-    entries = Entries(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        more = (boxes for boxes in (rest, lane.under_way) if len(boxes.starts))
+        parts = [found, *(pieces(boxes, lost, shift, first, end) for boxes in more)]
+    entries = parts[0] if len(parts) == 1 else Entries(*map(np.concatenate, zip(*parts, strict=True)))
     return cells_of(entries, shift, first, end - first)

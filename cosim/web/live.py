@@ -10,9 +10,11 @@ import time
 from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import partial
 from typing import Any, Final
 
 from cosim.caches import begin, cache_folder, kernels_digest
+from cosim.decoding import decoded
 from cosim.errors import UserError
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
@@ -78,6 +80,12 @@ class Tap(Trace):
             if not self._ticks or self._ticks[-1][0] != time:
                 self._ticks.append((time, []))
             self._ticks[-1][1].extend(pose)
+
+    def rows(self, table: Table, *columns: Any) -> None:
+        """Add rows by column, in the order of the table's fields."""
+        plain = (column.tolist() if hasattr(column, "tolist") else column for column in columns)
+        for values in zip(*plain, strict=True):
+            self.row(table, *values)
 
     def fetched(self) -> tuple[list[Row], list[Row], list[Row]]:
         """Drain the rows since the last call: ticks, frames (the latest), events."""
@@ -156,7 +164,7 @@ class Live:
         self._frames, self._ticks = Rolling(_ROWS), Rolling(TRAIL_TICKS)
         self._history = History(self._ticks, self._frames, self._events, self._marks)
         self._answers = Rolling(_ANSWERS)
-        self._timeline = Grown(self._simulation.trace.tables.values())
+        self._timeline = Grown(self._simulation.trace.tables.values(), partial(decoded, scenario))
         self._ending: Plain | None = None
         self._failure = ""
         self._simulation.begin()
@@ -315,7 +323,7 @@ class Live:
         ]
         moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
         now = self._simulation.kernel.now
-        self._timeline.take(trace.grown(), self._simulation.channel.under_way(now), now)
+        self._timeline.take(trace.grown(), self._simulation.under_way(), now)
         with self._lock:
             for row in ticks:
                 self._ticks.append(row)

@@ -1,15 +1,20 @@
 """A recorded run: the tables that ``cosim run --trace`` has written, played at any speed from any time."""
 
+import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cosim.decoding import decoded
 from cosim.documents import is_file
 from cosim.errors import UserError
+from cosim.scenario import Scenario, protocol_names
+from cosim.timeline.detail import Decode
 from cosim.timeline.index import Told, opened
 from cosim.trace import StoredTable, TableFile
 from cosim.units import Time, from_seconds, to_seconds
@@ -55,7 +60,7 @@ class Recorded:
         self._scene = _scene(folder, self._poses, self._end) | {"live": False}
         self._tick = from_seconds(self._scene["tick_s"])
         index = opened(folder, told, say)
-        self._timeline = Kept(index, folder)
+        self._timeline = Kept(index, folder, _decoding(poses.metadata))
         self._wall = wall
         self._pace = Pace(playing=playing, wall_s=wall())
         self._jumps = 0
@@ -131,6 +136,20 @@ class Recorded:
         down: dict[int, bool] = {robot: is_down for at, robot, is_down in self._downs if at <= now}
         rows: list[Row] = np.round(one + part * change, 4).tolist()
         return [[*row, down.get(robot, False)] for robot, row in enumerate(rows)]
+
+
+def _decoding(metadata: Mapping[str, str]) -> Decode | None:
+    """Return what decodes payloads of the run that tables with this *metadata* are of; None if nothing does.
+
+    Only an installed protocol does: who opens a trace of somebody else's is not to run what that names.
+    """
+    try:
+        given = json.loads(metadata["scenario"])
+        if given["protocol"]["use"] not in protocol_names():
+            return None
+        return partial(decoded, Scenario.model_validate(given))
+    except Exception:  # noqa: BLE001  # a trace of another version, or of another's scenario: it is shown all the same
+        return None
 
 
 def is_trace(folder: Path) -> bool:

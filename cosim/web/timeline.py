@@ -6,18 +6,21 @@ A page asks in JSON, times being text of decimal digits, as many readers of JSON
     {"say": "box", "lane": 3, "row": 17}
     {"say": "find", "kind": 4, "robot": null, "lost": true, "from_ns": "0", "back": false}
 
+What comes next begins at ``from_ns`` or later, or before it if it is to be looked for backwards; with the lane and row
+of a present box that begins there, it comes after that, or before, by (start, lane, row). A ``number`` is given back.
+
 A window is answered by one binary message, little-endian: a header u32 1, u32 number, u32 lanes, u32 0, i64 from_ns,
 i64 step_ns (of the cells: both rounded down to a power of two and a multiple of it), and for each lane, in the order of
 the request, u32 lane, u32 form, u32 n, u32 0 and columns of n values, each padded to a multiple of 8 B. Form 0, boxes:
-starts f64 (ns after from_ns), durations f64 (ns), rows u32, kinds u16, outcomes u8. Form 1, cells: kinds u16 (65535:
-nothing there), shares u8, lost u8, counts u32. All else is answered in JSON.
+starts f64 (ns after from_ns), durations f64 (ns), rows u32, kinds u16, outcomes u8, peers i16 (-1: all, or nobody).
+Form 1, cells: kinds u16 (65535: nothing there), shares u8, lost u8, counts u32. All else is answered in JSON.
 """
 
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from threading import Lock
-from typing import Annotated, Any, Final, Literal, Protocol, TypeAlias
+from typing import Annotated, Final, Literal, Protocol, TypeAlias
 
 import numpy as np
 from pydantic import Field
@@ -25,12 +28,12 @@ from pydantic import Field
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
-from cosim.timeline.codes import Codes
+from cosim.timeline.codes import CHANNEL, Codes
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
-from cosim.timeline.gathering import span_of
+from cosim.timeline.gathering import lost_codes, span_of
 from cosim.timeline.growing import Growing, Rows
 from cosim.timeline.index import Files, Index
-from cosim.timeline.lanes import Array, Boxes, Lane
+from cosim.timeline.lanes import Boxes, Lane
 from cosim.timeline.levels import Cells
 from cosim.timeline.search import Place, Wanted, find
 from cosim.timeline.window import Window, window
@@ -48,6 +51,7 @@ _BLOCK: Final = struct.Struct("<IIII")
 _BOXES, _CELLS = 0, 1
 
 Nanoseconds: TypeAlias = Annotated[str, Field(pattern=r"^-?[0-9]{1,18}$")]
+Number: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 32)]
 Code: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 16)]
 LaneNumber: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 16)]
 RowNumber: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 32)]
@@ -57,7 +61,7 @@ class AskWindow(Settings):
     """Ask what is in a window of time."""
 
     say: Literal["window"]
-    number: int = Field(ge=0, lt=1 << 32)
+    number: Number
     lanes: Annotated[list[LaneNumber], Field(max_length=MOST_LANES)]
     from_ns: Nanoseconds
     to_ns: Nanoseconds
@@ -68,6 +72,7 @@ class AskBox(Settings):
     """Ask for all about a box."""
 
     say: Literal["box"]
+    number: Number | None = None
     lane: LaneNumber
     row: RowNumber
 
@@ -76,6 +81,7 @@ class AskNext(Settings):
     """Ask for the next box of a kind, of a robot, or that is lost; ``lane`` and ``row``: the present one, if any."""
 
     say: Literal["find"]
+    number: Number | None = None
     kind: Code | None = None
     robot: Annotated[int, Field(ge=-1, lt=1 << 31)] | None = None
     lost: bool = False
@@ -96,7 +102,7 @@ class Timeline(Protocol):
     """What pages ask for the boxes of a session, from any thread."""
 
     def told(self, known: Known | None) -> tuple[Row | None, Known]:
-        """Return the message ``lanes`` for a page that knows *known*, None if nothing is new, and what it knows then."""
+        """Return the message ``lanes`` for a page that knows *known*, if anything is new, and what it knows then."""
 
     def answer(self, question: Question) -> bytes | Row:
         """Answer a page; raise UserError, one line, for what cannot be asked."""
@@ -108,7 +114,7 @@ class Answers:
     def __init__(self, lanes: Sequence[Lane], codes: Codes, tables: Tables, decode: Decode | None = None) -> None:
         self._lanes = lanes
         self._codes = codes
-        self._lost: Array = np.array(codes.lost, dtype=bool)
+        self._lost = lost_codes(codes)
         self._tables = tables
         self._decode = decode
 
@@ -117,8 +123,8 @@ class Answers:
         match question:
             case AskWindow():
                 return self._window(question)
-            case AskBox(lane=lane, row=row):
-                return self._box(lane, row)
+            case AskBox():
+                return self._box(question)
             case _:
                 return self._next(question)
 
@@ -131,37 +137,46 @@ class Answers:
         lanes = [self._lane(number) for number in asked.lanes]
         return packed(asked.number, asked.lanes, window(lanes, start, end, step, self._lost))
 
-    def _box(self, number: int, row: int) -> Row:
-        lane = self._lane(number)
-        about = detail(self._tables, lane, row, self._decode)
+    def _box(self, asked: AskBox) -> Row:
+        lane = self._lane(asked.lane)
+        about = detail(self._tables, lane, asked.row, self._decode)
+        start = next(iter(about["fields"].values()))  # the first column is a row's time
         for name in ("fields", "transmission"):
             about[name] = about[name] and plain(about[name])
         about["receptions"] = [plain(each) for each in about["receptions"]]
-        return {"say": "box", "lane": number, "row": row, "robot": lane.named.robot, "radio": lane.named.radio} | about
+        return {"say": "box"} | self._shown(Place(start, asked.lane, asked.row)) | about | _numbered(asked)
 
     def _next(self, asked: AskNext) -> Row:
         wanted = Wanted(asked.kind, asked.robot, asked.lost)
         present = None if asked.lane is None or asked.row is None else (asked.lane, asked.row)
-        lanes = self._lanes if asked.lanes is None else [
-            lane if number in set(asked.lanes) else Lane(lane.named, lane.table, lane.under_way.taken(slice(0)))
-            for number, lane in enumerate(self._lanes)
-        ]  # fmt: skip
+        if asked.lanes is None:
+            lanes = [(number, lane) for number, lane in enumerate(self._lanes) if lane.named.what != CHANNEL]
+        else:
+            lanes = [(number, self._lane(number)) for number in sorted(set(asked.lanes))]
         found = find(lanes, wanted, int(asked.from_ns), asked.back, self._lost, present)
-        message: Row = {"say": "found", "lane": None, "row": None}
-        return message if found is None else message | self._found(found)
+        place: Row = {"lane": None, "row": None} if found is None else self._shown(found)
+        return {"say": "found"} | place | _numbered(asked)
 
-    def _found(self, place: Place) -> Row:
-        lane = self._lanes[place.lane]
+    def _shown(self, place: Place) -> Row:
+        """Return what a lane shows of the box at *place*."""
+        lane = self._lane(place.lane)
         boxes = lane.within(place.start, place.start + 1)
-        [at] = np.flatnonzero((boxes.starts == place.start) & (boxes.rows == place.row))[:1].tolist()
+        at = np.flatnonzero((boxes.starts == place.start) & (boxes.rows == place.row)).tolist()
+        if not at:
+            raise UserError(f"lane {place.lane}: there is no box of row {place.row}")
+        box = boxes.taken(at[0])
+        named = lane.named
         return {
             "lane": place.lane,
             "row": place.row,
-            "robot": lane.named.robot,
-            "start_ns": str(place.start),
-            "end_ns": str(boxes.ends[at]),
-            "kind": int(boxes.kinds[at]),
-            "outcome": int(boxes.outcomes[at]),
+            "robot": named.robot,
+            "radio": named.radio,
+            "what": named.what,
+            "start_ns": str(box.starts),
+            "end_ns": str(box.ends),
+            "kind": int(box.kinds),
+            "outcome": int(box.outcomes),
+            "peer": int(box.peers),
         }
 
     def _lane(self, number: int) -> Lane:
@@ -174,6 +189,7 @@ class Kept:
     """The timeline of a recorded run."""
 
     def __init__(self, index: Index, folder: Path, decode: Decode | None = None) -> None:
+        self.index = index
         self._answers = Answers(index.lanes, index.codes, Files(folder), decode)
         self._message = lanes_message(index.lanes, index.codes, *span_of(index.lanes))
         self._lock = Lock()
@@ -219,6 +235,10 @@ class Grown:
             return Answers(growing.lanes, growing.codes, growing, self._decode).answer(question)
 
 
+def _numbered(asked: AskBox | AskNext) -> Row:
+    return {} if asked.number is None else {"number": asked.number}
+
+
 def lanes_message(lanes: Sequence[Lane], codes: Codes, first: Time, last: Time, forgotten: int = 0) -> Row:
     """Return the message ``lanes``: what lanes, kinds and outcomes there are, lanes from top to bottom."""
     numbers = sorted(range(len(lanes)), key=lambda number: lanes[number].named.place)
@@ -230,11 +250,12 @@ def lanes_message(lanes: Sequence[Lane], codes: Codes, first: Time, last: Time, 
             "what": named.what,
             "stacked": named.row,
             "name": named.name,
+            "channel": named.channel,
         }
         for number in numbers
         for named in (lanes[number].named,)
     ]
-    span = {"first_ns": str(first), "last_ns": str(last), "forgotten": forgotten}
+    span: Row = {"peers": True, "first_ns": str(first), "last_ns": str(last), "forgotten": forgotten}
     return {"say": "lanes", "lanes": told} | codes.plain | span
 
 
@@ -249,6 +270,7 @@ def packed(number: int, lanes: Sequence[int], answer: Window) -> bytes:
                 part.rows.astype("<u4"),
                 part.kinds.astype("<u2"),
                 part.outcomes.astype("u1"),
+                part.peers.astype("<i2"),
             ]
         else:
             columns = [part.codes.astype("<u2"), part.shares, part.lost, part.counts.astype("<u4")]

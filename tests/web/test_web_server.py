@@ -22,9 +22,9 @@ from cosim.web.history import Cursor
 from cosim.web.live import Live
 from cosim.web.messages import Plain, Wish
 from cosim.web.server import MOST_PAGES, STATIC, listening
+from cosim.web.timeline import NO_TIMELINE, Timeline
 from protocols.deployment.operator.page import PAGE as PLAYBOOK
 from tests.web.console import PLAIN
-from cosim.web.timeline import NO_TIMELINE, Timeline
 from tests.web.served import Served, next_of, until_closed
 
 PATIENT = PLAIN | {"duration_s": 1000, "protocol": {"use": "tests.web.console:SPEC", "parameters": {"patient": True}}}
