@@ -17,7 +17,7 @@ setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,cluster,slurm,gym,sensitivity,docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,cluster,slurm,gym,sensitivity,docs,mcap]'
 	$(BIN)/cosim warm
 	touch $@
 
@@ -56,7 +56,7 @@ pythons:
 	    $$python -c '' 2>/dev/null || { echo "$$python is not here: nothing is tried with it"; continue; }; \
 	    home=$(VENV)-$$($$python -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \
 	    $$python -m venv $$home && \
-	    $$home/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,gym,sensitivity]' && \
+	    $$home/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web,gym,sensitivity,mcap]' && \
 	    $$home/bin/python -m pytest -q -m 'not slow and not soak' $(TRIED) && \
 	    $$home/bin/cosim run examples/2_bluetooth.yaml || exit 1; \
 	done

@@ -13,7 +13,6 @@ import os
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from time import perf_counter
@@ -22,8 +21,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from cosim import __version__
+from cosim.cli_pictures import check_endings, metadata_of, picture, recording_of, write_exports
 from cosim.cli_sweeps import COMMANDS as SWEEP_COMMANDS
-from cosim.console import JSON, SEED, SETS, as_plain_json, bar, set_up_is_done, told_of_compiling, waiting
+from cosim.console import JSON, SEED, SETS, as_plain_json, bar, naming, set_up_is_done, told_of_compiling, waiting
 from cosim.errors import LocalProtocolError, UserError
 from cosim.units import to_seconds
 from cosim.web.pacing import FASTEST, SLOWEST
@@ -115,6 +115,18 @@ def commands() -> None:
     metavar="FILE",
     help="Write the frames of Bluetooth and 802.11 radios there, for Wireshark.",
 )
+@click.option(
+    "--mcap",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write robots, links, frames and events there, for Foxglove; its panels beside it.",
+)
+@click.option(
+    "--perfetto",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write what the radios do there, as lanes for ui.perfetto.dev: .json or .json.gz.",
+)
 @JSON
 @told_of_compiling()
 def run(
@@ -123,22 +135,24 @@ def run(
     sets: tuple[str, ...],
     trace: Path | None,
     pcapng: Path | None,
+    mcap: Path | None,
+    perfetto: Path | None,
     as_json: bool,
 ) -> None:
     """Make one run of SCENARIO, a YAML file or an experiment's name, and print its metrics."""
+    from cosim.experiment import scenario_named
     from cosim.scenario import dump
     from cosim.simulation import Simulation
-    from cosim.trace import TABLES
 
-    chosen = _scenario(scenario, sets)
-    in_capture = _captured_tables(chosen) if pcapng else ()
+    check_endings(mcap, perfetto)
+    chosen = scenario_named(scenario, sets)
+    tables = _tables(chosen, trace, pcapng, mcap or perfetto)
     if trace and "trace_calls" in type(chosen.protocol.parameters).model_fields:
-        chosen = _scenario(scenario, (*sets, "protocol.parameters.trace_calls=true"))
+        chosen = scenario_named(scenario, (*sets, "protocol.parameters.trace_calls=true"))
     seed = chosen.seed if seed is None else seed
-    tables = (*(TABLES.values() if trace else ()), *in_capture)
-    with _naming(scenario, sets), waiting(f"{chosen.name}, seed {seed}"):
+    with naming(scenario, sets), waiting(f"{chosen.name}, seed {seed}"):
         simulation = Simulation(chosen, seed, tables)
-        for folder in (trace, pcapng and pcapng.parent):
+        for folder in (trace, *(path and path.parent for path in (pcapng, mcap, perfetto))):
             if folder is not None:  # a folder that cannot be made shows now, not after the run
                 folder.mkdir(parents=True, exist_ok=True)
         set_up_is_done()
@@ -146,9 +160,11 @@ def run(
     for line in _few(outcome.notices):
         click.echo(line, err=True)
     if trace is not None:
-        outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
+        outcome.trace.write(trace, metadata_of(simulation, outcome, seed))
         _write_scene(simulation, seed, trace)
-    captured = "" if pcapng is None else _capture(pcapng, simulation, f"{chosen.name}, seed {seed}, {outcome.digest}")
+    written = [] if pcapng is None else [_capture(pcapng, simulation, f"{chosen.name}, seed {seed}, {outcome.digest}")]
+    if mcap or perfetto:
+        written += write_exports(recording_of(simulation, outcome, seed), mcap, perfetto)
     if as_json:
         found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
         found["notices"] = outcome.notices
@@ -159,8 +175,17 @@ def run(
         click.echo(
             f"\nthe set-up and one step, as the calls of the rooms:\n{nested_calls(outcome.trace)}\n\ntables in {trace}"
         )
-    if captured:
-        click.echo(f"\n{captured}")
+    for line in written:
+        click.echo(f"\n{line}")
+
+
+def _tables(scenario: Scenario, trace: Path | None, pcapng: Path | None, exported: Path | None) -> Sequence[Table]:
+    """Return the tables that a run keeps for what is written of it."""
+    from cosim.export.recording import DRAWN
+    from cosim.trace import TABLES
+
+    wanted = (*(TABLES.values() if trace else ()), *(_captured_tables(scenario) if pcapng else ()))
+    return (*wanted, *(DRAWN if exported else ()))
 
 
 def _few(lines: Sequence[str]) -> list[str]:
@@ -194,26 +219,6 @@ def _capture(path: Path, simulation: Simulation, comment: str) -> str:
 
     count = write_capture(path, simulation.channel, simulation.trace, comment)
     return f"{count} frames in {path}, {path.stat().st_size / 1e6:.1f} MB"
-
-
-def _scenario(text: str, sets: Sequence[str]) -> Scenario:
-    from cosim.documents import read_yaml
-    from cosim.experiment import base_scenario, find_experiment, is_experiment
-    from cosim.scenario import load
-
-    path = find_experiment(text)
-    return base_scenario(path, sets) if is_experiment(read_yaml(path)) else load(path, sets)
-
-
-@contextmanager
-def _naming(source: str, sets: Sequence[str]) -> Iterator[None]:
-    """Put *source*, or that of *sets* which is to blame, before errors that show only when a run is set up."""
-    try:
-        yield
-    except UserError as error:
-        place, _, rest = str(error).partition(": ")
-        blamed = next((text for text in reversed(sets) if text.partition("=")[0].strip() == place), None)
-        raise UserError(f"--set {blamed}: {rest}" if blamed else f"{source}: {error}") from None
 
 
 def _metrics(outcome: Outcome, seed: int) -> str:
@@ -280,14 +285,15 @@ def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
 @told_of_compiling()
 def live(scenario: str, udp: bool, seed: int | None, sets: tuple[str, ...], as_json: bool) -> None:
     """Make a run of SCENARIO in real time: each robot's machine is a process, and its payloads are UDP datagrams."""
+    from cosim.experiment import scenario_named
     from cosim.live.team import live as make
     from cosim.scenario import dump
 
     if not udp:
         raise UserError("--udp is missing: robots talk by UDP, on 127.0.0.1 only, and by nothing else yet")
-    chosen = _scenario(scenario, sets)
+    chosen = scenario_named(scenario, sets)
     seed = chosen.seed if seed is None else seed
-    with _naming(scenario, sets):
+    with naming(scenario, sets):
         outcome = make(chosen, seed, partial(click.echo, err=True))
     for line in _few(outcome.notices):
         click.echo(line, err=True)
@@ -325,6 +331,7 @@ def _page_options(command: Any) -> Any:
 @told_of_compiling()
 def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
     """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
+    from cosim.experiment import scenario_named
     from cosim.installed import check_libraries
     from cosim.web.anew import Anew
     from cosim.web.live import Live, rehearse
@@ -338,8 +345,8 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
         with bar("lanes of the timeline, once") as told:
             session = Recorded(Path(what), playing=not paused, told=told, say=_aside)
     else:
-        chosen = _scenario(what, sets)
-        with _naming(what, sets):
+        chosen = scenario_named(what, sets)
+        with naming(what, sets):
             rehearse(chosen, chosen.seed if seed is None else seed)
             session = Anew(lambda: Live(chosen, chosen.seed if seed is None else seed, playing=not paused))
     _show(session, None, **showing)
@@ -398,14 +405,14 @@ def _page_command(name: str) -> click.Command | None:
     def operate(
         scenario: str, seed: int | None, sets: tuple[str, ...], paused: bool, speed: float, **showing: Any
     ) -> None:
-        from cosim.experiment import find_beside
+        from cosim.experiment import find_beside, scenario_named
         from cosim.installed import check_libraries
         from cosim.web.anew import Anew
         from cosim.web.live import Live, rehearse
 
         check_libraries("pages", WEB_NEEDS)
-        chosen = _scenario(str(find_beside(scenario, page.scenario)), sets)
-        with _naming(scenario, sets):
+        chosen = scenario_named(str(find_beside(scenario, page.scenario)), sets)
+        with naming(scenario, sets):
             rehearse(chosen, chosen.seed if seed is None else seed, attended=True)
             session = Anew(
                 lambda: Live(chosen, chosen.seed if seed is None else seed, not paused, speed, attended=True)
@@ -534,7 +541,7 @@ def validate(file: Path, sets: tuple[str, ...]) -> None:
         click.echo(yaml.safe_dump(dump(experiment.settings) | {base: experiment.base}, sort_keys=False), nl=False)
         return
     scenario = load(file, sets)
-    with _naming(str(file), sets):
+    with naming(str(file), sets):
         Simulation(scenario, scenario.seed)
     click.echo("\n".join(described(scenario)))
 
@@ -620,7 +627,7 @@ def _maps() -> dict[str, str]:
     return maps
 
 
-for each in SWEEP_COMMANDS:
+for each in (*SWEEP_COMMANDS, picture):
     commands.add_command(each)
 
 if __name__ == "__main__":

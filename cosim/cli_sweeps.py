@@ -241,16 +241,27 @@ def sensitivity(results: Path, as_json: bool) -> None:
     click.echo(as_plain_json(found.plain()) if as_json else found.text())
 
 
-@click.command("export", short_help="Write the table of a sweep as one file.")
+@click.command("export", short_help="Write a sweep's table, or a run, as one file.")
 @_RESULTS
 @click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--table", type=click.Choice(["runs", "observations"]), default="runs", help="Which; runs by default.")
 @click.option("--all", "everything", is_flag=True, help="Those of older configurations and code too.")
 @JSON
 def export(results: Path, output: Path, table: str, everything: bool, as_json: bool) -> None:
-    """Write the rows of the last sweep into RESULTS to OUTPUT, a .parquet (with units and meanings) or a .csv."""
+    """Write the rows of the last sweep into RESULTS to OUTPUT, a .parquet (with units and meanings) or a .csv.
+
+    If RESULTS is the folder of a run's tables (cosim run --trace), OUTPUT is an .mcap for Foxglove, or a .json or
+    .json.gz for ui.perfetto.dev.
+    """
+    from cosim.cli_pictures import is_export, read_or_make, write_export
     from cosim.export.sweeps import export_results
 
+    if is_export(output):
+        recording = read_or_make(str(results), None, ())
+        set_up_is_done()
+        told = write_export(recording, output)
+        click.echo(as_plain_json(told.plain()) if as_json else told.text())
+        return
     set_up_is_done()
     count = export_results(results, output, table, everything)
     click.echo(as_plain_json({"rows": count, "output": str(output)}) if as_json else f"{count} rows in {output}")

@@ -8,11 +8,13 @@ from __future__ import annotations
 import gc
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import click
+
+from cosim.errors import UserError
 
 SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 SEED = click.IntRange(0, 2**62)
@@ -92,3 +94,14 @@ def bar(name: str) -> Iterator[Any]:
             progress.update(task, completed=done, total=total, told=", ".join(told))
 
         yield move
+
+
+@contextmanager
+def naming(source: str, sets: Sequence[str]) -> Iterator[None]:
+    """Put *source*, or that of *sets* which is to blame, before errors that show only when a run is set up."""
+    try:
+        yield
+    except UserError as error:
+        place, _, rest = str(error).partition(": ")
+        blamed = next((text for text in reversed(sets) if text.partition("=")[0].strip() == place), None)
+        raise UserError(f"--set {blamed}: {rest}" if blamed else f"{source}: {error}") from None

@@ -53,7 +53,7 @@ from cosim.documents import (
 from cosim.errors import UserError
 from cosim.installed import find_named, installed_folders
 from cosim.results import FIXED, ReportSettings
-from cosim.scenario import Scenario, build, digest, dump, given_here
+from cosim.scenario import Scenario, build, digest, dump, given_here, load
 from cosim.settings import Count, Energy, FreeSettings, Int64, PlainData, Seed, Settings, error_at
 from cosim.statistics.designs import BALANCED, SAMPLED, Span, is_balanced, points
 
@@ -263,6 +263,12 @@ def find_experiment(text: str) -> Path:
     if text in folders:
         return folders[text] / "sweep.yaml"
     raise UserError(f"{text}: is neither a file nor an experiment{nearest(text, folders)}")
+
+
+def scenario_named(text: str, sets: Sequence[str] = ()) -> Scenario:
+    """Return the scenario that *text* means, a YAML file or the name of an experiment, with the settings *sets*."""
+    path = find_experiment(text)
+    return base_scenario(path, sets) if is_experiment(read_yaml(path)) else load(path, sets)
 
 
 def find_beside(text: str, name: str | None) -> Path:

@@ -22,7 +22,8 @@ LINES = (
     "world",
     "robots channels",
     "node faults scenario decoding simulation columns parts results upkeep experiment sweep cluster",
-    "timeline report export web testing parallel env pins warm live data_dictionary console cli_sweeps cli __main__",
+    "timeline report export web picture testing parallel env pins warm live data_dictionary console cli_pictures "
+    "cli_sweeps cli __main__",
 )
 """The layers of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
@@ -38,7 +39,7 @@ OWNERS = {
     "pandas": {"trace", "results", "report", "export"},
     "markdown_it": {"report"},
     "numba": {"jit"},
-    "click": {"console", "cli_sweeps", "cli"},
+    "click": {"console", "cli_pictures", "cli_sweeps", "cli"},
     "rich": {"console"},
     "starlette": {"web"},
     "uvicorn": {"web"},
@@ -46,6 +47,8 @@ OWNERS = {
     "gymnasium": {"parallel"},
     "pettingzoo": {"parallel"},
     "SALib": {"report"},
+    "mcap": {"export"},
+    "imageio_ffmpeg": {"picture"},
     "dask": {"cluster"},
     "distributed": {"cluster"},
     "dask_jobqueue": {"cluster"},
@@ -351,7 +354,7 @@ def test_what_decides_anything_takes_its_functions_from_elementary():
     faults = [
         f"{name}: {found}, whose last bit depends on the machine: take it from cosim.elementary, or write out the sum"
         for name, tree in TREES.items()
-        if name.split(".")[0] != "experiments" and layer(name) not in ("report", "web", "export")
+        if name.split(".")[0] != "experiments" and layer(name) not in ("report", "web", "export", "picture")
         for node in ast.walk(tree)
         if (found := library_function(node)) and name != "cosim.channels.bluetooth.bits.errors"
     ]
