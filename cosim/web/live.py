@@ -391,6 +391,7 @@ class Live:
 
     def _end(self) -> None:
         outcome = self._simulation.outcome()
+        self._publish()  # intervals that the end of the run has closed
         metrics = [
             [metric.name, outcome.metrics[metric.name], metric.unit, metric.meaning]
             for metric in outcome.metric_columns
