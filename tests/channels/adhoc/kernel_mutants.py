@@ -32,7 +32,7 @@ FIRST_LIMIT_S, THEN_LIMIT_S = 300.0, 900.0
 HARMLESS = {
     "if overlap > 1:": "a part of a frame that lasts a nanosecond has next to no bit",
     "after = 1 if common.bianchi_counting else common.difs": "what comes next waits for DIFS anyway",
-    "_finish(network, address, True, 1, now)": "what comes next waits for DIFS anyway",
+    "_finish(network, log, address, True, 1, now)": "what comes next waits for DIFS anyway",
     "if last.time < agenda[low].time or (last.time == agenda[low].time and (last.rank <= agenda[low].rank)):": (
         "no two events have one rank"
     ),

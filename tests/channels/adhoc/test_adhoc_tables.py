@@ -310,6 +310,16 @@ def test_keeping_tables_changes_nothing(fades: bool, routing: str | None) -> Non
     assert all(field.trace.count(table.name) for table in KEPT)
 
 
+@pytest.mark.parametrize("table", KEPT, ids=lambda table: table.name)
+def test_a_table_that_is_kept_alone_has_the_rows_that_it_has_beside_others(table: Table) -> None:
+    names = [field.name for field in table.fields]
+    alone, beside = (jammed(tables, 5, False, None) for tables in ((table,), KEPT))
+    for field in (alone, beside):
+        field.run(2 * S)
+    assert alone.rows(table, *names) == beside.rows(table, *names)
+    assert alone.trace.count(table.name) > 50
+
+
 def test_what_is_under_way_is_told_at_any_time_and_asking_changes_no_row() -> None:
     fields = [jammed(KEPT, 4, False, "aodv") for _ in range(2)]
     asked: list[tuple[Time, list[Interval]]] = []
