@@ -68,6 +68,11 @@ class Lane:
             first = int(np.searchsorted(starts, start - self.longest, side="left"))
         return slice(first, max(first, int(np.searchsorted(starts, end, side="left"))))
 
+    def start_of(self, row: int) -> Time | None:
+        """Return when the box of *row* begins; None if there is none."""
+        found = np.flatnonzero(self.boxes.rows == row)
+        return int(self.boxes.starts[found[0]]) if len(found) else None
+
     def within(self, start: Time, end: Time) -> Boxes:
         """Return the boxes that overlap [start, end), or are instants in it, oldest first."""
         found = self.boxes.taken(self.span(start, end))

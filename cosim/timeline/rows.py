@@ -160,12 +160,12 @@ class Maker:
         radios, sources = _radios(columns), columns["source"]
         self.sending.update(np.unique(radios).tolist())
         boxes = self._frame_boxes(columns, outcomes, first)
-        sent = _made("sent", sources, radios, boxes._replace(peers=_peers(columns["destination"])))
-        return [sent, _on_channels(columns, radios, boxes._replace(peers=_peers(sources)))]
+        sent = _made("sent", sources, radios, boxes._replace(peers=peers_of(columns["destination"])))
+        return [sent, _on_channels(columns, radios, boxes._replace(peers=peers_of(sources)))]
 
     def _frames(self, columns: Mapping[str, Any], first: int) -> list[Made]:
         radios, robots, sources = _radios(columns), columns["destination"], columns["source"]
-        boxes = self._frame_boxes(columns, self._outcomes(columns), first)._replace(peers=_peers(sources))
+        boxes = self._frame_boxes(columns, self._outcomes(columns), first)._replace(peers=peers_of(sources))
         to_one = robots >= 0
         told = np.isin(radios, sorted(self.sending))
         lost = _lut(self.codes.lost, bool)[boxes.outcomes]
@@ -177,7 +177,7 @@ class Maker:
         made.append(_made("broadcasts", sources, radios, boxes, told & ~to_one))
         if not told.all():
             sent = boxes._replace(outcomes=np.where(lost, boxes.outcomes, 0).astype(np.uint8))
-            made.append(_made("sent", sources, radios, sent._replace(peers=_peers(robots)), ~told))
+            made.append(_made("sent", sources, radios, sent._replace(peers=peers_of(robots)), ~told))
             made.append(_on_channels(columns, radios, sent, ~told))
         return made
 
@@ -224,7 +224,7 @@ class Maker:
 
     def _instants(self, what: str, columns: Mapping[str, Any], kinds: Array, first: int) -> Made:
         times = columns["time_ns"]
-        peers = _peers(columns["sender"]) if "sender" in columns else _nobody(times)
+        peers = peers_of(columns["sender"]) if "sender" in columns else _nobody(times)
         boxes = Boxes(times, times, kinds, _zeros(times), _numbers(first, times), peers)
         return _made(what, columns["source"], np.full(len(times), HOST, dtype=np.int64), boxes)
 
@@ -245,7 +245,8 @@ def _lut(codes: Sequence[int], dtype: Any) -> Array:
     return np.array(codes or [0], dtype=dtype)
 
 
-def _peers(robots: Array) -> Array:
+def peers_of(robots: Array) -> Array:
+    """Return *robots* as a column of peers."""
     return np.clip(robots, -2, np.iinfo(np.int16).max).astype(np.int16)
 
 
