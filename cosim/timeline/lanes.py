@@ -25,7 +25,7 @@ class Boxes(NamedTuple):
     rows: Array
     """uint32, number of the row in the table that the lane is made from"""
     peers: Array
-    """int16, the robot at the other end of a frame or message; -1 for all or none"""
+    """int16, the robot at the other end of a frame, message or link; -1 for all or none"""
 
     def taken(self, which: Any) -> "Boxes":
         """Return those that *which* selects: a slice, numbers, or a mask."""
