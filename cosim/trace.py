@@ -420,6 +420,11 @@ class TableFile:
         return int(self._file.metadata.num_rows)
 
     @property
+    def metadata(self) -> dict[str, str]:
+        """What was kept with the table."""
+        return {key.decode(): value.decode() for key, value in (self._file.schema_arrow.metadata or {}).items()}
+
+    @property
     def last(self) -> int:
         """The time of the last row; 0 if there is none."""
         return int(self._group(len(self._ends) - 1).column(0)[-1].as_py()) if len(self) else 0

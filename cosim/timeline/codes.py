@@ -35,9 +35,17 @@ PACKETS: Final[dict[str, str]] = {
     "OPTICAL": "a payload of the optical channel",
 }
 """Packet types, with their meanings."""
+BUSY: Final = "busy"
+NAV: Final = "NAV"
+CARRIER_SENSE: Final[dict[str, str]] = {
+    BUSY: "802.11: the station sends or hears something, and must wait; of recorded runs",
+    NAV: "802.11: a frame for another station has reserved the medium, by the network allocation vector; of recorded "
+    "runs",
+}
+"""States of 802.11 stations that follow from their frames, with their meanings."""
 _GROUPS: Final = {
     FRAME: PACKETS,
-    STATE: STATES,
+    STATE: STATES | CARRIER_SENSE,
     MESSAGE: {MESSAGE: "a payload has arrived at a machine"},
     EVENT: dict[str, str](),
 }
@@ -113,7 +121,7 @@ class Named(NamedTuple):
     radio: int
     """-1 for the robot itself."""
     what: str
-    """states, sent, received, broadcasts, messages, events or channel"""
+    """states, busy, NAV, sent, received, broadcasts, messages, events or channel"""
     row: int = 0
     """Which of several of one kind, whose boxes would overlap in one."""
     several: bool = False
@@ -139,5 +147,5 @@ class Named(NamedTuple):
         return self.channel, self.robot < 0, self.robot, self.radio, ORDER.index(self.what), self.row
 
 
-ORDER: Final = ("states", "sent", "received", "broadcasts", "messages", "events", CHANNEL)
+ORDER: Final = ("states", BUSY, NAV, "sent", "received", "broadcasts", "messages", "events", CHANNEL)
 """What lanes there are, from top to bottom."""

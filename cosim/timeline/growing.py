@@ -18,7 +18,7 @@ from cosim.timeline.detail import Row
 from cosim.timeline.gathering import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.lanes import DTYPES, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
-from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name
+from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, partner
 from cosim.trace import FRAMES, INTERVALS, Field, Table
 from cosim.units import S, Time
 
@@ -230,7 +230,7 @@ class Growing:
             which = self._maker.stacks.hold(_identity(each), key, each.start)
             lane = self._lane("states", (*key, which))
             kind = self.codes.kind(STATE, each.state)
-            box = each.start, max(self.now, each.start), kind, 0, _OPEN + at, -1
+            box = each.start, max(self.now, each.start), kind, 0, _OPEN + at, partner(each.state, each.detail)
             more = Boxes(*(np.array([value], dtype=dtype) for value, dtype in zip(box, DTYPES, strict=True)))
             lane.under_way = Boxes(*(np.concatenate(pair) for pair in zip(lane.under_way, more, strict=True)))
 

@@ -23,14 +23,15 @@ from cosim.timeline.gathering import Gathering, lost_codes
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane
 from cosim.timeline.levels import ENTRY_DTYPES, Entries, Levels, levels_of
 from cosim.timeline.rows import SOURCES, names_of
-from cosim.trace import TableFile
+from cosim.timeline.sensing import sensed
+from cosim.trace import RECEPTIONS, TableFile
 from cosim.units import Time
 
 FOLDER: Final = "timeline"
 FILE: Final = "index.json"
 _HEADER_BYTES: Final = 128
 """Length of a .npy file without content, which cannot be mapped."""
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Changes whenever what is written would be misread."""
 Told = Callable[[int, int], None]
 """(what is done, all there is to do): what shows progress."""
@@ -102,6 +103,9 @@ def made(folder: Path, told: Told = lambda done, total: None) -> Index:
                 first, done = first + count, done + count
                 told(done, total)
     lanes = gathering.lanes()
+    if (heard := folder / f"{RECEPTIONS.name}.parquet").is_file():
+        more = sensed(files | {RECEPTIONS.name: TableFile(heard)}, gathering.codes, gathering.several)
+        lanes = sorted([*lanes, *more], key=lambda lane: lane.named.place)
     lost = lost_codes(gathering.codes)
     boxes, summed = max(1, sum(len(lane.boxes.starts) for lane in lanes)), 0
     for lane in lanes:

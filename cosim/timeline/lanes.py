@@ -25,7 +25,7 @@ class Boxes(NamedTuple):
     rows: Array
     """uint32, number of the row in the table that the lane is made from"""
     peers: Array
-    """int16, the robot at the other end of a frame or message; -1 for all or none"""
+    """int16, the robot at the other end of a frame, message or link; -1 for all or none"""
 
     def taken(self, which: Any) -> "Boxes":
         """Return those that *which* selects: a slice, numbers, or a mask."""
@@ -67,6 +67,11 @@ class Lane:
         else:
             first = int(np.searchsorted(starts, start - self.longest, side="left"))
         return slice(first, max(first, int(np.searchsorted(starts, end, side="left"))))
+
+    def start_of(self, row: int) -> Time | None:
+        """Return when the box of *row* begins; None if there is none."""
+        found = np.flatnonzero(self.boxes.rows == row)
+        return int(self.boxes.starts[found[0]]) if len(found) else None
 
     def within(self, start: Time, end: Time) -> Boxes:
         """Return the boxes that overlap [start, end), or are instants in it, oldest first."""

@@ -1,5 +1,6 @@
 """The boxes that rows of tables make, and the lanes that they belong to."""
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -16,12 +17,15 @@ EVENTS: Final = "events"
 SOURCES: Final[dict[str, tuple[str, ...]]] = {
     TRANSMISSIONS.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "whole"),
     FRAMES.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "outcome", "part"),
-    INTERVALS.name: ("start_ns", "robot", "end_ns", "radio", "state"),
+    INTERVALS.name: ("start_ns", "robot", "end_ns", "radio", "state", "detail"),
     MESSAGES.name: ("time_ns", "source", "sender"),
     EVENTS: ("time_ns", "source", "event"),
 }
 """Tables whose rows are boxes, in the order in which they are to be read, with the columns that tell which."""
 RADIO: Final = "radio"
+PICONET: Final = ("master", "slave")
+"""States of a link in a piconet, whose boxes have the robot at its other end as their peer."""
+_PARTNER: Final = re.compile(r"\b(?:master|slave)=([0-9]+)")
 MOST_STACKED: Final = 16
 """Lanes of overlapping boxes of one kind; the last one takes all that have no place in the others."""
 
@@ -160,12 +164,12 @@ class Maker:
         radios, sources = _radios(columns), columns["source"]
         self.sending.update(np.unique(radios).tolist())
         boxes = self._frame_boxes(columns, outcomes, first)
-        sent = _made("sent", sources, radios, boxes._replace(peers=_peers(columns["destination"])))
-        return [sent, _on_channels(columns, radios, boxes._replace(peers=_peers(sources)))]
+        sent = _made("sent", sources, radios, boxes._replace(peers=peers_of(columns["destination"])))
+        return [sent, _on_channels(columns, radios, boxes._replace(peers=peers_of(sources)))]
 
     def _frames(self, columns: Mapping[str, Any], first: int) -> list[Made]:
         radios, robots, sources = _radios(columns), columns["destination"], columns["source"]
-        boxes = self._frame_boxes(columns, self._outcomes(columns), first)._replace(peers=_peers(sources))
+        boxes = self._frame_boxes(columns, self._outcomes(columns), first)._replace(peers=peers_of(sources))
         to_one = robots >= 0
         told = np.isin(radios, sorted(self.sending))
         lost = _lut(self.codes.lost, bool)[boxes.outcomes]
@@ -177,7 +181,7 @@ class Maker:
         made.append(_made("broadcasts", sources, radios, boxes, told & ~to_one))
         if not told.all():
             sent = boxes._replace(outcomes=np.where(lost, boxes.outcomes, 0).astype(np.uint8))
-            made.append(_made("sent", sources, radios, sent._replace(peers=_peers(robots)), ~told))
+            made.append(_made("sent", sources, radios, sent._replace(peers=peers_of(robots)), ~told))
             made.append(_on_channels(columns, radios, sent, ~told))
         return made
 
@@ -211,7 +215,7 @@ class Maker:
                 for row, detail in zip(spans, details, strict=True)
             ]  # fmt: skip
         kinds, rows = self._kinds(STATE, columns["state"]), _numbers(first, starts)
-        boxes = Boxes(starts, ends, kinds, _zeros(starts), rows, _nobody(starts))
+        boxes = Boxes(starts, ends, kinds, _zeros(starts), rows, _partners(columns["state"], columns["detail"]))
         return [Made("states", robots, radios, np.array(stacked, dtype=np.int64), boxes)]
 
     def _messages(self, columns: Mapping[str, Any], first: int) -> list[Made]:
@@ -224,7 +228,7 @@ class Maker:
 
     def _instants(self, what: str, columns: Mapping[str, Any], kinds: Array, first: int) -> Made:
         times = columns["time_ns"]
-        peers = _peers(columns["sender"]) if "sender" in columns else _nobody(times)
+        peers = peers_of(columns["sender"]) if "sender" in columns else _nobody(times)
         boxes = Boxes(times, times, kinds, _zeros(times), _numbers(first, times), peers)
         return _made(what, columns["source"], np.full(len(times), HOST, dtype=np.int64), boxes)
 
@@ -245,8 +249,24 @@ def _lut(codes: Sequence[int], dtype: Any) -> Array:
     return np.array(codes or [0], dtype=dtype)
 
 
-def _peers(robots: Array) -> Array:
+def peers_of(robots: Array) -> Array:
+    """Return *robots* as a column of peers."""
     return np.clip(robots, -2, np.iinfo(np.int16).max).astype(np.int16)
+
+
+def partner(state: str, detail: str) -> int:
+    """Return the robot at the other end of a piconet's link, which is in that *state*; -1 for other states."""
+    found = _PARTNER.search(detail) if state in PICONET else None
+    return int(found[1]) if found else -1
+
+
+def _partners(states: tuple[Array, Sequence[str]], details: tuple[Array, Sequence[str]]) -> Array:
+    (state_codes, state_words), (codes, words) = states, details
+    linked = np.flatnonzero(_lut([word in PICONET for word in state_words], bool)[state_codes])
+    found = _nobody(codes)
+    for at, state, detail in zip(linked.tolist(), state_codes[linked].tolist(), codes[linked].tolist(), strict=True):
+        found[at] = partner(state_words[state], words[detail])
+    return found
 
 
 def _nobody(column: Array) -> Array:
@@ -306,7 +326,7 @@ def columns_of(table: str, columns: Mapping[str, Sequence[Any]]) -> dict[str, An
     found: dict[str, Any] = {}
     for name in names_of(table, list(columns)):
         column = columns[name]
-        if name in ("kind", "outcome", "part", "state", "event"):
+        if name in ("kind", "outcome", "part", "state", "detail", "event"):
             words = list(dict.fromkeys(column))
             codes = {word: code for code, word in enumerate(words)}
             found[name] = np.array([codes[word] for word in column], dtype=np.int64), words

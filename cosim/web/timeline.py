@@ -28,7 +28,7 @@ from pydantic import Field
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
-from cosim.timeline.codes import CHANNEL, Codes
+from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, Codes
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
 from cosim.timeline.gathering import lost_codes, span_of
 from cosim.timeline.growing import Growing, Rows
@@ -141,6 +141,8 @@ class Answers:
         lane = self._lane(asked.lane)
         about = detail(self._tables, lane, asked.row, self._decode)
         start = next(iter(about["fields"].values()))  # the first column is a row's time
+        if lane.named.what in CARRIER_SENSE:  # whose boxes begin when a frame has come, or has ended
+            start = lane.start_of(asked.row) or start
         for name in ("fields", "transmission"):
             about[name] = about[name] and plain(about[name])
         about["receptions"] = [plain(each) for each in about["receptions"]]

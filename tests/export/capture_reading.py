@@ -10,6 +10,11 @@ from pathlib import Path
 
 import pytest
 
+TYPES = {"NULL": 0, "POLL": 1, "FHS": 2, "DM1": 3, "DH1": 4, "DM3": 10, "DH3": 11, "DM5": 14, "DH5": 15}
+"""Bluetooth's packet types, as headers have them (Core 5.4, Vol 2 Part B, table 6.2)."""
+SUBTYPES = {"0x0020": "DATA", "0x001d": "ACK", "0x001b": "RTS", "0x001c": "CTS"}
+"""Frames of 802.11, by what tshark calls type and subtype."""
+
 
 def find_tshark() -> str:
     """Return the program; skip the test, or in CI fail it, if there is none."""

@@ -28,13 +28,12 @@ from cosim.randomness import Streams
 from cosim.trace import FRAMES, TRANSMISSIONS, Trace
 from cosim.units import MS, US, S, Time
 from tests.checkout import DATA
-from tests.export.capture_reading import blocks, experts, find_tshark, read_fields
+from tests.export.capture_reading import SUBTYPES, blocks, experts, find_tshark, read_fields
 
 KINDS = ("none", "flooding", "aodv", "olsr")
 SIZES = (500, 700)
 """Of payloads: the longer ones are preceded by RTS."""
 AODV_TYPES = {Rreq: 1, Rrep: 2, Rerr: 3, RrepAck: 4}
-SUBTYPES = {"0x0020": "DATA", "0x001d": "ACK", "0x001b": "RTS", "0x001c": "CTS"}
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from cosim.machine import Outgoing, RoleChanged, SwitchRole
 from cosim.units import MS, US, S
 from tests.channels.bluetooth.bluetooth_world import World
 from tests.checkout import DATA
-from tests.export.capture_reading import blocks, experts, find_tshark, read_fields
+from tests.export.capture_reading import TYPES, blocks, experts, find_tshark, read_fields
 
 GIAC = 0x9E8B33
 MASTER, SLAVE, OTHER = 0, 1, 2
@@ -30,7 +30,6 @@ DEVICES = [
     Identity(SLAVE, WORDS[SLAVE], NativeClock((1 << 28) * 312_500 - 5 * S, -20)),
     Identity(OTHER, WORDS[OTHER], NativeClock(0, 0)),
 ]
-TYPES = {"NULL": 0, "POLL": 1, "FHS": 2, "DM1": 3, "DH1": 4, "DM3": 10, "DH3": 11, "DM5": 14, "DH5": 15}
 COLUMNS = ("time_ns", "source", "destination", "kind", "channel", "lt_addr", "length", "outcome", "part")
 
 

@@ -9,7 +9,7 @@ jammers, are in no table: the energy of these is missing. So is a frame that the
 another one, until it does so. Switching off ends all of it, which the interval ``off`` tells.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -32,8 +32,8 @@ class Carrier(NamedTuple):
 
 
 def carrier(
-    transmissions: Mapping[str, Sequence[Any]],
-    receptions: Mapping[str, Sequence[Any]],
+    transmissions: Mapping[str, Any],
+    receptions: Mapping[str, Any],
     robot: Address,
     delay: Time,
     energy_dbm: float = ENERGY_DBM,
@@ -46,7 +46,7 @@ def carrier(
     mine = np.asarray(receptions["receiver"]) == robot
     heard = {name: np.asarray(receptions[name])[mine] for name in ("time_ns", "source", "outcome")}
     power_dbm, sinr_db = (np.asarray(receptions[name], np.float64)[mine] for name in ("power_dbm", "sinr_db"))
-    frames, found = _places(sent, heard)
+    frames, found = places(sent, heard)
     there = found & (heard["outcome"] != "out_of_range")
     frames = frames[there]
     begins = sent["time_ns"][frames] + delay
@@ -67,7 +67,7 @@ def carrier(
     )
 
 
-def _places(sent: Mapping[str, Any], heard: Mapping[str, Any]) -> tuple[Int64s, Bools]:
+def places(sent: Mapping[str, Any], heard: Mapping[str, Any]) -> tuple[Int64s, Bools]:
     """Return where in *sent* the frames stand that are *heard*, by time and source, and which do."""
     times = np.unique(sent["time_ns"])
     stations = 1 + max(int(sent["source"].max(initial=0)), int(heard["source"].max(initial=0)))
