@@ -20,7 +20,7 @@ from pydantic import Field
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import CHANNELS, basic_hop
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
-from cosim.channels.bluetooth.medium import CO_CHANNEL, NEIGHBOURING, RECEIVED, Medium, judge, new_medium, put
+from cosim.channels.bluetooth.medium import CO_CHANNEL, MET, NEIGHBOURING, RECEIVED, Medium, judge, new_medium, put
 from cosim.channels.bluetooth.packets import DH1
 from cosim.experiment import experiment_function
 from cosim.jit import njit
@@ -131,7 +131,7 @@ def _received(medium: Medium, words: NDArray[np.int64], phases: NDArray[np.int64
             receiver = source ^ 1
             end = start + air
             fate = judge(medium, None, None, source, receiver, channel, start, end, 0.0, 0, False, ACCESS_CODE)
-            count += fate == RECEIVED
+            count += fate & ~MET == RECEIVED
     return count
 
 
