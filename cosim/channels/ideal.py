@@ -152,6 +152,8 @@ class IdealChannel(Channel):
         """Flights by their time of arrival."""
         self._events: list[tuple[Address, LinkEvent]] = []
         self._transmissions_wanted, self._receptions_wanted = trace.wants(TRANSMISSIONS), trace.wants(RECEPTIONS)
+        self._rows_wanted = trace.wants(FRAMES) or self._receptions_wanted
+        """True if rows of a payload are wanted when it arrives."""
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Deliver after the delay to whoever is in reach then, unless it is lost.
@@ -341,7 +343,8 @@ class IdealChannel(Channel):
             heard = [a for a in there if not self._is_lost(flight, a)] if self._flaws.loss else there
             reception = Reception(source, to_all)
             arrivals += [(address, outgoing.payload, reception) for address in heard]
-            self._record(flight, there, heard)
+            if self._rows_wanted:
+                self._record(flight, there, heard)
             if flight.reported and outgoing.token is not None and self._knows_of(source, flight.begin):
                 if to_all:
                     fate = Outcome.SENT

@@ -172,7 +172,7 @@ def test_the_floor_shows_walls_base_robots_and_their_trails(browser: Browser, se
         page.locator("#scrub").fill("7.5")
         page.wait_for_function("() => document.getElementById('time').textContent.startsWith('7.50')")
         page.wait_for_timeout(200)
-        for colour, least in [("wall", 1000), ("base", 60), ("robot-0", 60), ("robot-1", 60)]:
+        for colour, least in [("wall", 1000), ("base", 40), ("robot-0", 40), ("robot-1", 40)]:
             assert pixels(page, colour) >= least, colour
         assert pixels(page, "robot-2") < 20  # it is dead: only an outline is left
 

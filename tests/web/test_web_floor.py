@@ -165,7 +165,7 @@ def test_a_page_is_answered_how_far_a_robot_is_heard(folder: Path):
 @pytest.fixture
 def again() -> Iterator[Anew]:
     short = PLAIN | {"duration_s": 1}
-    session = Anew(lambda: Live(Scenario.model_validate(short), 1, True, 100.0))
+    session = Anew(lambda: Live(Scenario.model_validate(short), 1, True, 2.0))
     yield session
     session.close()
 
@@ -198,8 +198,15 @@ def test_the_button_begins_the_run_anew(browser: Browser, again: Anew):
     with tab(browser, served) as page:
         page.wait_for_function("() => document.getElementById('play').ariaLabel === 'Begin anew'")
         assert page.inner_text("#state") == "ended"
+        page.evaluate(  # the run may be over before the browser is asked
+            """() => {
+                const play = document.getElementById("play");
+                window.labels = [];
+                new MutationObserver(() => window.labels.push(play.ariaLabel)).observe(play, { attributes: true });
+            }"""
+        )
         page.click("#play")
-        page.wait_for_function("() => document.getElementById('play').ariaLabel !== 'Begin anew'")
+        page.wait_for_function("() => window.labels.some((label) => label !== 'Begin anew')")
         page.wait_for_function("() => document.getElementById('play').ariaLabel === 'Begin anew'")
     served.stop()
 
