@@ -22,6 +22,7 @@ from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import StoredActivity
 from cosim.web.air import StoredAir
 from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
+from cosim.web.marks import marks_of
 from cosim.web.messages import Again, Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
 from cosim.web.rows import Counted, Row, Stored
@@ -70,6 +71,8 @@ class Recorded:
         self._rows: dict[str, Counted] = {"frame": air, "event": shown}
         self._scene = _scene(folder, self._poses, self._end) | {"live": False}
         self._scene["kinds"] = {name: len(numbers) for name, numbers in kinds.items()}
+        if events is not None and len(events):
+            self._scene["marks"] = marks_of(*(events.column(name) for name in ("time_ns", "source", "event")))
         self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
         self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata))
         self._wall = wall
