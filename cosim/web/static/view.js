@@ -5,6 +5,7 @@ import { Page, find } from "./page.js";
 import { Lights } from "./timeline/lights.js";
 import { Timeline } from "./timeline/timeline.js";
 
+document.documentElement.classList.toggle("framed", window.parent !== window); // beside another run, below their time
 const page = new Page({ take, show, bytes: (buffer) => timeline.take_bytes(buffer) });
 const { run, floor } = page;
 const robots = new Robots(find("robots"), floor, (robot) => page.select(robot));
