@@ -70,6 +70,8 @@ def test_what_cannot_be_counted_is_told(folder: Path, words: tuple[str, str, str
 def test_curves_are_under_the_lanes(browser: Browser, folder: Path):
     served = Served(Recorded(folder, playing=False))
     with tab(browser, served, own=True) as page:
+        assert not page.locator(".tl-plots").is_visible()  # lanes come first where there is little room
+        page.set_viewport_size({"width": 1366, "height": 1080})
         page.wait_for_function("() => document.querySelector('.tl-plots output').textContent.includes('delivered/s')")
         page.evaluate("document.querySelector('.tl-plots canvas').id = 'curves'")
         assert pixels(page, "accent", "curves") > 20
