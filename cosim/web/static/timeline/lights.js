@@ -1,5 +1,7 @@
 // Which robots of the floor a frame of the timeline is about: rings around them, while the pointer is at the frame.
 
+import { radius_px } from "../bodies.js";
+
 const RING_PX = 9;
 
 /** The rings on a floor. */
@@ -26,7 +28,7 @@ export class Lights {
     pen.lineWidth = 3;
     places.forEach(([x, y], number) => {
       pen.beginPath();
-      pen.arc(x, y, floor.radius(this.robots[number]) + RING_PX, 0, 2 * Math.PI);
+      pen.arc(x, y, radius_px(floor, this.robots[number]) + RING_PX, 0, 2 * Math.PI);
       pen.stroke();
     });
     pen.lineWidth = 1.5;
