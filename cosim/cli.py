@@ -325,25 +325,42 @@ def _page_options(command: Any) -> Any:
     return command
 
 
-@commands.command("view", short_help="Show a run in a browser.")
+@commands.command("view", short_help="Show a run, or two side by side, in a browser.")
 @click.argument("what")
+@click.argument("other", required=False)
 @_page_options
 @told_of_compiling()
-def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
-    """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
+def view(what: str, other: str | None, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
+    """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace).
+
+    With OTHER both are folders of earlier runs, which are shown side by side on one clock.
+    """
     from cosim.experiment import scenario_named
     from cosim.installed import check_libraries
     from cosim.web.anew import Anew
+    from cosim.web.beside import Beside
     from cosim.web.live import Live, rehearse
     from cosim.web.recorded import Recorded, is_trace
+    from cosim.web.server import PAIR
 
     check_libraries("pages", WEB_NEEDS)
     session: Session
+    for folder in () if other is None else (what, other):
+        if not is_trace(Path(folder)):
+            raise UserError(
+                f"{folder}: two runs side by side are recorded ones: expected a folder of cosim run --trace"
+            )
     if is_trace(Path(what)):
         if sets or seed is not None:
             raise UserError(f"{what}: is a recorded run: its seed and settings are what they were")
-        with bar("lanes of the timeline, once") as told:
-            session = Recorded(Path(what), playing=not paused, told=told, say=_aside)
+        runs = []
+        for folder in (what,) if other is None else (what, other):
+            with bar("lanes of the timeline, once") as told:
+                runs.append(Recorded(Path(folder), playing=not paused, told=told, say=_aside))
+        if other is not None:
+            _show(Beside(runs), PAIR, framed=runs, **showing)
+            return
+        (session,) = runs
     else:
         chosen = scenario_named(what, sets)
         with naming(what, sets):
@@ -357,8 +374,18 @@ def _aside(line: str) -> None:
     click.echo(line, err=True)
 
 
-def _show(session: Session, html: Path | None, port: int, in_browser: bool, secret: bool) -> None:
-    """Serve *session* with the page *html*, or that of ``cosim view``, until the user interrupts it."""
+def _show(
+    session: Session,
+    html: Path | None,
+    port: int,
+    in_browser: bool,
+    secret: bool,
+    framed: Sequence[Session] = (),
+) -> None:
+    """Serve *session* with the page *html*, or that of ``cosim view``, until the user interrupts it.
+
+    *framed* are the sessions that the page has in frames.
+    """
     import secrets
     import webbrowser
 
@@ -371,7 +398,7 @@ def _show(session: Session, html: Path | None, port: int, in_browser: bool, secr
             webbrowser.open(address)
 
     set_up_is_done()
-    serve(session, html or VIEW, port, secrets.token_urlsafe(16) if secret else None, tell)
+    serve(session, html or VIEW, port, secrets.token_urlsafe(16) if secret else None, tell, framed)
 
 
 @cache

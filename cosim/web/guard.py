@@ -16,21 +16,24 @@ from starlette.websockets import WebSocketClose
 HOST: Final = "127.0.0.1"
 NAMES: Final = (HOST, "localhost")
 """Names of the server that a browser of this computer may use."""
-_POLICY: Final = "; ".join(
-    ("default-src 'self'", "img-src 'self' data:", "frame-ancestors 'none'", "base-uri 'none'", "form-action 'none'")
-)
+_POLICY: Final = "; ".join(("default-src 'self'", "img-src 'self' data:", "base-uri 'none'", "form-action 'none'"))
 
 
 class Guard:
     """Passes on requests that may be answered and refuses the others: HTTP with 403, a WebSocket before it is open."""
 
-    def __init__(self, app: ASGIApp, port: int, token: str | None = None) -> None:
-        """Guard *app* at *port*; with a *token* a WebSocket is opened only for a page that sends it."""
+    def __init__(self, app: ASGIApp, port: int, token: str | None = None, framed: bool = False) -> None:
+        """Guard *app* at *port*; with a *token* a WebSocket is opened only for a page that sends it.
+
+        *framed*: pages may be in frames of pages of this server, and of no other; else in none.
+        """
         self._app = app
         self._hosts = {f"{name}:{port}" for name in NAMES} | (set(NAMES) if port == 80 else set())
         self._token = token
         # not every browser takes a WebSocket to the page's own server for 'self'
-        self._policy = f"{_POLICY}; connect-src 'self' {' '.join(sorted(f'ws://{host}' for host in self._hosts))}"
+        ancestors = "frame-ancestors 'self'" if framed else "frame-ancestors 'none'"
+        sockets = " ".join(sorted(f"ws://{host}" for host in self._hosts))
+        self._policy = f"{_POLICY}; {ancestors}; connect-src 'self' {sockets}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request, as ASGI has it."""

@@ -21,9 +21,10 @@ from cosim.trace import StoredTable, TableFile
 from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import StoredActivity
 from cosim.web.air import StoredAir
+from cosim.web.clock import Clock
 from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
-from cosim.web.messages import Again, Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
-from cosim.web.pacing import Pace
+from cosim.web.marks import marks_of
+from cosim.web.messages import Plain, Step, Wish
 from cosim.web.rows import Counted, Row, Stored
 from cosim.web.scenes import read_scene
 from cosim.web.timeline import Kept, Timeline
@@ -47,6 +48,7 @@ class Recorded:
 
         *told* shows the progress of what may take long, *say* is told in a line what the user should know.
         """
+        self.folder = folder
         poses = StoredTable(_existing(folder, "poses"))
         self._times, self._poses = _by_tick(poses)
         events, links = (_table(folder, name, StoredTable) for name in ("events", "links"))
@@ -66,49 +68,34 @@ class Recorded:
             kinds={name: _events(events, numbers) for name, numbers in kinds.items()},
         )
         ends = [int(table.column("time_ns")[-1]) for table in (poses, events) if table is not None and len(table)]
-        self._end: Time = max(*ends, 0 if frames is None else frames.last)
+        end: Time = max(*ends, 0 if frames is None else frames.last)
         self._rows: dict[str, Counted] = {"frame": air, "event": shown}
-        self._scene = _scene(folder, self._poses, self._end) | {"live": False}
+        self._scene = _scene(folder, self._poses, end) | {"live": False}
         self._scene["kinds"] = {name: len(numbers) for name, numbers in kinds.items()}
+        if events is not None and len(events):
+            self._scene["marks"] = marks_of(*(events.column(name) for name in ("time_ns", "source", "event")))
         self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
         self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata))
-        self._wall = wall
-        self._pace = Pace(playing=playing, wall_s=wall())
-        self._jumps = 0
+        self.clock = Clock(end, wall, playing)
+        """Its time; a run beside it may go by the same."""
 
     @property
     def scene(self) -> Plain:
         """What does not change."""
-        return self._scene
+        return self._scene | {"duration_s": to_seconds(self.clock.end)}
 
     def wish(self, wish: Wish) -> None:
         """Do what a page asks for; raise UserError, one line, if it cannot be done."""
-        wall = self._wall()
-        now = self._now(wall)
-        match wish:
-            case Play():
-                if now >= self._end:
-                    self._jump(0, wall)
-                self._pace.play(wall)
-            case Pause():
-                self._pace.pause(wall)
-            case Step(by=by, count=count):
-                self._pace.pause(wall)
-                self._jump(self._stepped(now, by, count), wall, fresh=count < 0)
-            case Speed(speed=speed):
-                self._pace.change(speed, wall)
-            case Seek(time_s=seconds):
-                self._jump(from_seconds(seconds), wall)
-            case Again():
-                raise UserError("this run is a recorded one: go back to its beginning instead")
-            case Operate():
-                raise UserError("this run is a recorded one: nobody hears its operator")
+        if isinstance(wish, Step):
+            self.clock.step(self.stepped(self.clock.now, wish.by, wish.count), wish.count < 0)
+        else:
+            self.clock.wish(wish)
 
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
         """Return the messages for a page that has been sent all up to *cursor*, and the new cursor."""
-        now = self._now(self._wall())
-        state = "ended" if now >= self._end else "playing" if self._pace.playing else "paused"
-        moment = Moment(now, state, self._pace.speed, self._robots(now), self._jumps)
+        clock = self.clock
+        now = clock.now
+        moment = Moment(now, clock.state, clock.speed, self._robots(now), clock.jumps)
         message, new = self._history.now(moment, cursor)
         return [] if message is None else [message], new
 
@@ -120,31 +107,19 @@ class Recorded:
     def close(self) -> None:
         """Do nothing, since nothing runs."""
 
-    def _now(self, wall: float) -> Time:
-        now = self._pace.due(wall)
-        if now < self._end:
-            return now
-        self._pace.jump(self._end, wall)
-        self._pace.pause(wall)
-        return self._end
-
-    def _jump(self, to: Time, wall: float, fresh: bool = True) -> None:
-        self._pace.jump(min(max(to, 0), self._end), wall)
-        self._jumps += fresh
-
-    def _stepped(self, now: Time, by: str, count: int) -> Time:
+    def stepped(self, now: Time, by: str, count: int) -> Time:
         """Return the time *count* steps from *now*; raise UserError for steps that the run has none of."""
         step = self._steps.get(by)
         if step is not None:
             return now + count * step
         rows = self._rows.get(by)
-        end = 0 if rows is None else rows.until(self._end)
+        end = 0 if rows is None else rows.until(self.clock.end)
         if rows is None or not end:
             raise UserError(f"this run has no {by}s")
         for _ in range(abs(count)):
             number = rows.until(now) if count > 0 else rows.until(now - 1) - 1
             if not 0 <= number < end:
-                return self._end if count > 0 else 0
+                return self.clock.end if count > 0 else 0
             now = rows.time(number)
         return now
 

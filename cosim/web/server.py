@@ -8,8 +8,9 @@ that reads nothing is one message, and after ``PATIENCE_S`` that page is given u
 import asyncio
 import socket
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, closing, suppress
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Final, Protocol
@@ -34,6 +35,8 @@ STATIC: Final = Path(__file__).parent / "static"
 """Folder of the modules that all pages share, and of the page ``VIEW``; served at ``/static/``."""
 VIEW: Final = STATIC / "view.html"
 """Page that shows a run."""
+PAIR: Final = STATIC / "pair.html"
+"""Page that has the pages of two runs in frames."""
 MOST_PAGES: Final = 32
 """Maximum number of open WebSockets."""
 PATIENCE_S: Final = 20.0
@@ -72,14 +75,18 @@ class Session(Protocol):
 class Server:
     """What the pages of one session connect to."""
 
-    def __init__(self, session: Session, page: Path = VIEW, patience_s: float = PATIENCE_S) -> None:
+    def __init__(
+        self, session: Session, page: Path = VIEW, patience_s: float = PATIENCE_S, framed: Sequence[Session] = ()
+    ) -> None:
         """Serve *session* with *page*, an HTML file; what else lies in its folder is served at ``/page/``.
 
+        The sessions *framed* are served with ``VIEW`` at ``/runs/0/``, ``/runs/1/``, ..., which the page has in frames.
         Raise FileNotFoundError if the installation lacks the page.
         """
         if not page.is_file():
             raise FileNotFoundError(f"{page} is missing: the installation of cosim is not complete")
         self.session = session
+        self.framed = framed
         self.open = 0
         """Number of pages that are connected."""
         self._page = page
@@ -90,23 +97,30 @@ class Server:
         """Return the application, as it answers at *port*."""
         routes = [
             Route("/", self._index),
-            WebSocketRoute("/socket", self._talk),
+            WebSocketRoute("/socket", partial(self._talk, self.session)),
             Mount("/static", StaticFiles(directory=STATIC)),
             Mount("/page", StaticFiles(directory=self._page.parent)),
         ]
-        return Guard(Starlette(routes=routes, lifespan=self._lifespan), port, token)
+        for number, session in enumerate(self.framed):
+            routes.append(Route(f"/runs/{number}/", self._run))
+            routes.append(WebSocketRoute(f"/runs/{number}/socket", partial(self._talk, session)))
+        return Guard(Starlette(routes=routes, lifespan=self._lifespan), port, token, framed=bool(self.framed))
 
     @asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         try:
             yield
         finally:
-            await asyncio.to_thread(self.session.close)
+            for session in (self.session, *self.framed):
+                await asyncio.to_thread(session.close)
 
     async def _index(self, _: Request) -> FileResponse:
         return FileResponse(self._page)
 
-    async def _talk(self, page: WebSocket) -> None:
+    async def _run(self, _: Request) -> FileResponse:
+        return FileResponse(VIEW)
+
+    async def _talk(self, session: Session, page: WebSocket) -> None:
         """Exchange messages with one page until either side ends that."""
         await page.accept()  # first: no browser tells its page why it was not
         if self.open >= MOST_PAGES:
@@ -114,7 +128,7 @@ class Server:
             return
         self.open += 1
         waiting = Waiting()
-        tasks = {asyncio.create_task(self._send(page, waiting)), asyncio.create_task(self._receive(page, waiting))}
+        tasks = {asyncio.create_task(each(session, page, waiting)) for each in (self._send, self._receive)}
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -126,20 +140,20 @@ class Server:
             if isinstance(fault, Exception) and not isinstance(fault, WebSocketDisconnect | RuntimeError | OSError):
                 raise fault
 
-    async def _send(self, page: WebSocket, waiting: "Waiting") -> None:
+    async def _send(self, session: Session, page: WebSocket, waiting: "Waiting") -> None:
         """Send the scene, then what is new, as often as a screen can show it and the page can take it."""
-        await self._deliver(page, {"say": "scene"} | self.session.scene | {"page": next(self._numbers)})
+        await self._deliver(page, {"say": "scene"} | session.scene | {"page": next(self._numbers)})
         cursor: Cursor | None = None
         known: Known | None = None
         while True:
             faults = [waiting.faults.popleft() for _ in range(len(waiting.faults))]
-            lanes, known = self.session.timeline.told(known)
-            told, cursor = self.session.look(cursor)
+            lanes, known = session.timeline.told(known)
+            told, cursor = session.look(cursor)
             for message in (*faults, *([] if lanes is None else [lanes]), *told):
                 await self._deliver(page, message)
-            await self._answer(page, waiting)
+            await self._answer(session, page, waiting)
 
-    async def _answer(self, page: WebSocket, waiting: "Waiting") -> None:
+    async def _answer(self, session: Session, page: WebSocket, waiting: "Waiting") -> None:
         """Answer questions about the timeline as they come, for as long as a screen shows a picture."""
         ends_s = asyncio.get_running_loop().time() + _PERIOD_S
         while (left_s := ends_s - asyncio.get_running_loop().time()) > 0:
@@ -148,7 +162,7 @@ class Server:
             if waiting.questions:
                 question = waiting.questions.popleft()
                 try:
-                    answer = self.session.timeline.answer(question)
+                    answer = session.timeline.answer(question)
                 except UserError as fault:
                     answer = error(str(fault))
                 await self._deliver(page, answer)
@@ -160,7 +174,7 @@ class Server:
         async with asyncio.timeout(self._patience_s):
             await (page.send_bytes(message) if isinstance(message, bytes) else page.send_text(written(message)))
 
-    async def _receive(self, page: WebSocket, waiting: "Waiting") -> None:
+    async def _receive(self, session: Session, page: WebSocket, waiting: "Waiting") -> None:
         """Do what the page asks for; answer what is malformed, or cannot be done, by an error."""
         while True:
             message = await page.receive()
@@ -172,12 +186,12 @@ class Server:
                 asked = parsed(message.get("bytes") or b"" if given is None else given)
                 if isinstance(asked, AskReach):
                     place = asked.x_m, asked.y_m
-                    waiting.faults.append(await asyncio.to_thread(reach, self.session.scene, asked.robot, place))
+                    waiting.faults.append(await asyncio.to_thread(reach, session.scene, asked.robot, place))
                 elif isinstance(asked, Question):
                     waiting.ask(asked)
                 else:
                     wish = asked
-                    self.session.wish(wish)
+                    session.wish(wish)
             except UserError as fault:
                 waiting.faults.append(error(str(fault), wish))
 
@@ -217,14 +231,15 @@ def serve(
     port: int = 0,
     token: str | None = None,
     told: Callable[[str], None] = print,
+    framed: Sequence[Session] = (),
 ) -> None:
-    """Show *session* with *page* until the process is interrupted, then close it; *told* gets the address first.
+    """Show *session* with *page*, and *framed* in frames of it, until the process is interrupted, then close all.
 
-    Raise UserError if the port is taken.
+    *told* gets the address first. Raise UserError if the port is taken.
     """
     with closing(session), listening(port) as listener:
         number = listener.getsockname()[1]
-        server = uvicorn.Server(config(Server(session, page).app(number, token)))
+        server = uvicorn.Server(config(Server(session, page, framed=framed).app(number, token)))
         told(f"http://{HOST}:{number}/" + (f"?token={token}" if token else ""))
         with suppress(KeyboardInterrupt):  # the way to end it
             server.run(sockets=[listener])

@@ -5,6 +5,7 @@ A page asks in JSON, times being text of decimal digits, as many readers of JSON
     {"say": "window", "number": 7, "lanes": [0, 3], "from_ns": "0", "to_ns": "1000000", "step_ns": "1024"}
     {"say": "box", "lane": 3, "row": 17}
     {"say": "find", "kind": 4, "robot": null, "lost": true, "from_ns": "0", "back": false}
+    {"say": "rates", "number": 8, "from_ns": "0", "to_ns": "1000000", "step_ns": "1000"}
 
 What comes next begins at ``from_ns`` or later, or before it if it is to be looked for backwards; with the lane and row
 of a present box that begins there, it comes after that, or before, by (start, lane, row). A ``number`` is given back.
@@ -35,6 +36,7 @@ from cosim.timeline.growing import Growing, Rows
 from cosim.timeline.index import Files, Index
 from cosim.timeline.lanes import Boxes, Lane
 from cosim.timeline.levels import Cells
+from cosim.timeline.rates import rates
 from cosim.timeline.search import Place, Wanted, find
 from cosim.timeline.window import Window, window
 from cosim.trace import Table
@@ -44,6 +46,8 @@ MOST_LANES: Final = 200
 """Maximum number of lanes that a page may ask for at once."""
 MOST_CELLS: Final = 8192
 """Maximum number of cells in a lane that a page may ask for."""
+MOST_PARTS: Final = 2048
+"""Maximum number of parts of a window for which a page may ask for rates."""
 _LATEST: Final = 1 << 62
 _WINDOW: Final = 1
 _HEADER: Final = struct.Struct("<IIIIqq")
@@ -92,7 +96,17 @@ class AskNext(Settings):
     lanes: Annotated[list[LaneNumber], Field(max_length=MOST_LANES)] | None = None
 
 
-Question: TypeAlias = AskWindow | AskBox | AskNext
+class AskRates(Settings):
+    """Ask how much is delivered and lost in parts of a window of time."""
+
+    say: Literal["rates"]
+    number: Number
+    from_ns: Nanoseconds
+    to_ns: Nanoseconds
+    step_ns: Nanoseconds
+
+
+Question: TypeAlias = AskWindow | AskBox | AskNext | AskRates
 """What a page may ask a timeline."""
 Known: TypeAlias = tuple[int, ...]
 """What a page knows of the lanes: their number, and those of kinds and outcomes, and what has been forgotten."""
@@ -125,6 +139,8 @@ class Answers:
                 return self._window(question)
             case AskBox():
                 return self._box(question)
+            case AskRates():
+                return self._rates(question)
             case _:
                 return self._next(question)
 
@@ -147,6 +163,14 @@ class Answers:
             about[name] = about[name] and plain(about[name])
         about["receptions"] = [plain(each) for each in about["receptions"]]
         return {"say": "box"} | self._shown(Place(start, asked.lane, asked.row)) | about | _numbered(asked)
+
+    def _rates(self, asked: AskRates) -> Row:
+        start, end, step = int(asked.from_ns), int(asked.to_ns), int(asked.step_ns)
+        if step < 1 or not start <= end <= start + MOST_PARTS * step:
+            raise UserError(f"rates: expected from_ns <= to_ns, and a step_ns that makes at most {MOST_PARTS} parts")
+        found = rates(self._lanes, start, step, -(-(end - start) // step), self._lost)
+        counts = {name: counted.tolist() for name, counted in found._asdict().items()}
+        return {"say": "rates", "number": asked.number, "from_ns": str(start), "step_ns": str(step)} | counts
 
     def _next(self, asked: AskNext) -> Row:
         wanted = Wanted(asked.kind, asked.robot, asked.lost)

@@ -5,6 +5,7 @@ import json
 import socket
 import threading
 import time
+from collections.abc import Sequence
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
@@ -27,8 +28,9 @@ class Served:
         port: int = 0,
         page: Path = VIEW,
         patience_s: float = PATIENCE_S,
+        framed: Sequence[Session] = (),
     ) -> None:
-        self.server = Server(session, page, patience_s)
+        self.server = Server(session, page, patience_s, framed)
         self.listener = listening(port)
         self.port = self.listener.getsockname()[1]
         self.uvicorn = uvicorn.Server(config(self.server.app(self.port, token)))

@@ -19,7 +19,8 @@ export class Connection {
   /** Connect; an older connection is closed without a report. */
   connect() {
     this.socket?.close();
-    const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${location.search}`;
+    const address = new URL(`socket${location.search}`, location.href); // of a page in a frame: beside it
+    address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
     let was_open = false;
     this.socket = socket;

@@ -58,10 +58,11 @@ export class Events {
   /**
    * @param {HTMLElement} root an empty list
    * @param {{text: HTMLInputElement, kind: HTMLSelectElement, robot: HTMLSelectElement}} filters
-   * @param {{floor: import("./floor.js").Floor, address: import("./address.js").Address, select: (robot: number | null) => void}} about
+   * @param {{floor: import("./floor.js").Floor, address: import("./address.js").Address, marks: import("./marks.js").Marks,
+   *   select: (robot: number | null) => void}} about
    */
-  constructor(root, filters, { floor, address, select }) {
-    Object.assign(this, { root, filters, floor, address });
+  constructor(root, filters, { floor, address, marks, select }) {
+    Object.assign(this, { root, filters, floor, address, marks });
     this.seek = null; // (time in s), where one can go there
     this.key = "";
     this.counts = {};
@@ -111,6 +112,7 @@ export class Events {
     this.key = key;
     this.offer(events.map(({ name }) => name));
     this.filters.robot.value = selected === null ? "" : String(selected);
+    this.marks.show(this.kind, selected);
     const chosen = [];
     for (let at = events.length - 1; at >= 0 && chosen.length < SHOWN; at -= 1) {
       const event = events[at];
@@ -139,7 +141,7 @@ export class Events {
     const rest = document.createElement("span");
     rest.className = "fields";
     rest.textContent = ` ${described(fields)}`;
-    item.append(when, chip, ` ${robot >= 0 ? robot : ""} `, what, rest);
+    item.append(when, chip, ` ${robot >= 0 ? robot : ""} `, ...this.marks.signs(name), what, rest);
     return item;
   }
 }

@@ -1,5 +1,7 @@
 // The controls of time: play, pause, step, speed and, in a recorded run, the way back.
 
+import { Marks } from "./marks.js";
+
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100];
 const SEEK_MS = 60;
 
@@ -26,12 +28,13 @@ export class Transport {
     this.slider = document.createElement("input");
     Object.assign(this.slider, { type: "range", id: "scrub", min: 0, max: 1, step: "any", value: 0 });
     this.slider.setAttribute("aria-label", "Time");
+    this.marks = new Marks(this.slider);
     this.clock = document.createElement("output");
     this.clock.id = "time";
     this.clock.className = "number";
     this.speeds = SPEEDS;
     this.speed = speeds();
-    root.replaceChildren(this.start, this.back, this.play, this.step, this.end, this.unit, this.slider, this.clock, this.speed);
+    root.replaceChildren(this.start, this.back, this.play, this.step, this.end, this.unit, this.marks.root, this.clock, this.speed);
     this.start.addEventListener("click", () => this.seek(0));
     this.end.addEventListener("click", () => this.seek(this.duration_s));
     this.back.addEventListener("click", () => this.go(-1));
@@ -49,8 +52,9 @@ export class Transport {
     this.duration_s = scene.duration_s;
     this.again = Boolean(scene.again);
     this.endless = Boolean(scene.attended); // it lasts as long as its operator wants
-    this.slider.hidden = this.endless;
+    this.slider.hidden = this.marks.root.hidden = this.endless;
     this.slider.max = scene.duration_s;
+    this.marks.begin(scene);
     const slot_us = (scene.slot_ns ?? 0) / 1000;
     const slot = [...this.unit.options].find(({ value }) => value === "slot");
     slot.hidden = slot.disabled = !scene.slot_ns;
@@ -128,8 +132,10 @@ export class Transport {
       const asked_s = this.wanted_s;
       this.waiting = setTimeout(() => {
         this.waiting = 0;
-        if (this.wanted_s === asked_s) this.wanted_s = null;
-        else ask();
+        if (this.wanted_s !== asked_s) return ask();
+        this.wanted_s = null;
+        if (this.shown) this.slider.value = this.shown.time_s; // which may have come meanwhile, and nothing since
+        return undefined;
       }, SEEK_MS);
     };
     ask();

@@ -5,11 +5,13 @@ import { Page, find } from "./page.js";
 import { Lights } from "./timeline/lights.js";
 import { Timeline } from "./timeline/timeline.js";
 
+document.documentElement.classList.toggle("framed", window.parent !== window); // beside another run, below their time
 const page = new Page({ take, show, bytes: (buffer) => timeline.take_bytes(buffer) });
 const { run, floor } = page;
 const robots = new Robots(find("robots"), floor, (robot) => page.select(robot));
 const filters = { text: find("filter"), kind: find("kind"), robot: find("of-robot") };
-const events = new Events(find("events"), filters, { floor, address: page.address, select: (robot) => page.select(robot) });
+const { marks } = page.transport;
+const events = new Events(find("events"), filters, { floor, address: page.address, marks, select: (robot) => page.select(robot) });
 const lights = new Lights(floor);
 const timeline = new Timeline(find("timeline"), {
   send: (message) => page.connection.send(message),

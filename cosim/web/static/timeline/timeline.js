@@ -15,6 +15,7 @@ import { Measure } from "./measure.js";
 import { Navigator } from "./navigator.js";
 import { has_overlay, paint_flags, paint_overlay } from "./overlay.js";
 import { Painter } from "./paint.js";
+import { Plots } from "./plots.js";
 import { Rows } from "./rows.js";
 import { paint_ruler } from "./ruler.js";
 import { Split } from "./split.js";
@@ -52,6 +53,7 @@ export class Timeline {
     this.measure = new Measure(this);
     this.finder = new Finder(this);
     this.labels = new Labels(this);
+    this.plots = new Plots(this);
     this.build();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.kinds.recolour();
@@ -124,7 +126,7 @@ export class Timeline {
     const keys = element("details", {}, element("summary", {}, "Keys, while the lanes have the focus"), key_list(groups));
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
     const side = element("div", { className: "tl-side" }, this.finder.panel, legend, this.listed, keys);
-    const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller);
+    const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller, this.plots.root);
     this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
     this.navigator = new Navigator(this.strip, this);
     new Gestures(this.overlay, this, false);
@@ -152,6 +154,7 @@ export class Timeline {
   take(message) {
     if (message.say === "lanes") this.take_lanes(message);
     else if (message.say === "box") this.finder.take_box(message);
+    else if (message.say === "rates") this.plots.take(message);
     else if (message.say === "found") this.finder.take_found(message);
     else return false;
     return true;
@@ -276,6 +279,7 @@ export class Timeline {
     const ruler = this.pen(this.ruler);
     paint_ruler(ruler, { axis, kinds, height: RULER_PX, origin_ns, wifi });
     paint_flags(ruler, this, RULER_PX);
+    this.plots.paint();
     this.navigator.paint(this.pen(this.strip), STRIP_PX);
     const over = has_overlay(this);
     if (over || this.over) paint_overlay(this.pen(this.overlay), this); // else it is as empty as it was: nothing costs
@@ -299,6 +303,7 @@ export class Timeline {
     clearTimeout(this.settling);
     this.settling = setTimeout(() => {
       if (!this.begun) return;
+      this.plots.ask();
       if (this.listed.open) show_listing(this.listing, this);
       const { axis, row, rows } = this;
       const all = axis.from_ns === axis.first_ns && axis.to_ns >= axis.last_ns;
