@@ -97,7 +97,7 @@ class Server:
         """Return the application, as it answers at *port*."""
         routes = [
             Route("/", self._index),
-            WebSocketRoute("/socket", partial(self._talk, self.session)),
+            WebSocketRoute("/socket", self._talk_of_all),
             Mount("/static", StaticFiles(directory=STATIC)),
             Mount("/page", StaticFiles(directory=self._page.parent)),
         ]
@@ -119,6 +119,9 @@ class Server:
 
     async def _run(self, _: Request) -> FileResponse:
         return FileResponse(VIEW)
+
+    async def _talk_of_all(self, page: WebSocket) -> None:
+        await self._talk(self.session, page)
 
     async def _talk(self, session: Session, page: WebSocket) -> None:
         """Exchange messages with one page until either side ends that."""
