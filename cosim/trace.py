@@ -54,6 +54,10 @@ class Table(NamedTuple):
 
 _TIME = Field("time_ns", "int", "ns", "simulated time")
 _SOURCE = Field("source", "int", "", "address of the robot that the row is about")
+_AIR_TIME = Field("duration_ns", "int", "ns", "air time")
+_CHANNEL = Field("channel", "int", "", "RF channel k, 2402 + k MHz; -1 where a channel has none")
+_LT_ADDR = Field("lt_addr", "int", "", "logical transport address; 0 for broadcasts and outside of a piconet")
+_LENGTH = Field("length", "int", "B", "user payload")
 
 POSES: Final = Table(
     "poses",
@@ -73,11 +77,11 @@ FRAMES: Final = Table(
         Field("time_ns", "int", "ns", "start of the frame"),
         Field("source", "int", "", "transmitter"),
         Field("destination", "int", "", "receiver; -1 for all"),
-        Field("duration_ns", "int", "ns", "air time"),
+        _AIR_TIME,
         Field("kind", "str", "", "packet type"),
-        Field("channel", "int", "", "RF channel k, 2402 + k MHz; -1 where a channel has none"),
-        Field("lt_addr", "int", "", "logical transport address; 0 for broadcasts and outside of a piconet"),
-        Field("length", "int", "B", "user payload"),
+        _CHANNEL,
+        _LT_ADDR,
+        _LENGTH,
         Field("outcome", "str", "", "what became of it at the receiver"),
         Field("part", "str", "", "the part that failed first: access_code, header or payload; empty if none did"),
     ),
@@ -96,10 +100,10 @@ TRANSMISSIONS: Final = Table(
         Field("routed", "bool", "", "802.11: whether its body is a router's IPv4 packet, not a payload as it is"),
         Field("whole", "bool", "", "whether its sender was on to its end"),
         Field("body", "str", "", "what it carries, hexadecimal"),
-        Field("duration_ns", "int", "ns", "air time"),
-        Field("channel", "int", "", "RF channel k, 2402 + k MHz; -1 where a channel has none"),
-        Field("lt_addr", "int", "", "logical transport address; 0 for broadcasts and outside of a piconet"),
-        Field("length", "int", "B", "user payload"),
+        _AIR_TIME,
+        _CHANNEL,
+        _LT_ADDR,
+        _LENGTH,
     ),
 )
 RECEPTIONS: Final = Table(

@@ -71,7 +71,7 @@ class Reader:
     def _blamed(self, block: Block) -> Iterator[None]:
         try:
             yield
-        except Exception as error:
+        except Exception as error:  # whatever a block of a page does wrong; always re-raised with the block's line
             raise PageError(f"{title(self.page)}:{block.line}: {error}") from error
 
     def _do(self, block: Block, mentioned: str) -> None:

@@ -75,14 +75,14 @@ def _receptions(tables: Tables, row: Row, sent: Sequence[Row]) -> list[Row]:
 
 
 def _decoded(decode: Decode | None, carried: str, routed: bool) -> Any:
-    """Return what the bytes say; None if nobody knows."""
+    """Return what the bytes say, or why nobody can tell; None if the protocol does not say how to decode them."""
     if decode is None or not carried:
         return None
     try:
         said = decode(bytes.fromhex(carried), routed)
         json.dumps(said)
-    except Exception:  # noqa: BLE001  # a protocol of others, and bytes that may be another's
-        return None
+    except Exception as error:  # noqa: BLE001  # the decoder is the user's, and may be wrong: the page says so
+        return f"cannot be decoded: {type(error).__name__}: {error}"
     return said
 
 

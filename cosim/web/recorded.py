@@ -13,7 +13,7 @@ import numpy as np
 from cosim.arrays import Int64s
 from cosim.decoding import decoded
 from cosim.documents import is_file
-from cosim.errors import UserError
+from cosim.errors import CosimError, UserError
 from cosim.scenario import Scenario, protocol_names
 from cosim.timeline.detail import Decode
 from cosim.timeline.index import Told, opened
@@ -147,7 +147,7 @@ def _decoding(metadata: Mapping[str, str]) -> Decode | None:
         if given["protocol"]["use"] not in protocol_names():
             return None
         return partial(decoded, Scenario.model_validate(given))
-    except Exception:  # noqa: BLE001  # a trace of another version, or of another's scenario: it is shown all the same
+    except (CosimError, KeyError, TypeError, ValueError, OSError):  # of another version, or with maps that are not here
         return None
 
 
