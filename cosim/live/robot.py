@@ -149,7 +149,7 @@ class Host:
             return
         except LocalProtocolError as error:
             self._answer(Failed(str(error)))
-        except Exception:  # noqa: BLE001  # a process has nobody else to tell of it
+        except Exception:  # noqa: BLE001  # whatever a machine does wrong: only the pipe can tell the team of it
             self._answer(Failed(f"robot {self._robot}: its machine has failed\n\n{traceback.format_exc()}"))
 
     def _answer(self, answer: Answer) -> None:
