@@ -112,10 +112,19 @@ def test_who_is_to_pick_a_place_sees_the_floor(opened: Any):
 # ---------------------------------------------------------------- a part of the floor
 
 
+DRAWN = """async () => {
+  const drawn = () => [window.labels[0], window.labels[2]];
+  const picture = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+  let before;
+  do { before = drawn(); await picture(); } while (String(before) !== String(drawn()));
+  return before;
+}"""
+"""Where they are written once another picture changes nothing."""
+
+
 def places(page: Any) -> tuple[list[float], list[float]]:
     """Return where robots 0 and 2 are written on the canvas, px."""
-    page.wait_for_timeout(100)
-    labels = page.evaluate("[window.labels[0], window.labels[2]]")
+    labels = page.evaluate(DRAWN)
     return labels[0], labels[1]
 
 
