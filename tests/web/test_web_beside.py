@@ -172,6 +172,16 @@ def at(page: Any, time_s: str) -> None:
         frame.wait_for_function(f"() => document.getElementById('time')?.textContent.startsWith('{time_s}')")
 
 
+WINDOW = "document.getElementById('timeline').timeline.window()"
+WIDTH = f"() => {WINDOW}.to_ns - {WINDOW}.from_ns"
+
+
+def windows(page: Any) -> list[tuple[int, int]]:
+    """Return which part of the runs each timeline shows."""
+    shown = [frame.evaluate(WINDOW) for frame in page.frames[1:]]
+    return [(each["from_ns"], each["to_ns"]) for each in shown]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(1280, 720), (390, 844)])
 def test_two_floors_have_one_transport(browser: Browser, served: Served, size: tuple[int, int]):
@@ -200,8 +210,21 @@ def test_two_floors_have_one_transport(browser: Browser, served: Served, size: t
     axis = "x" if size[0] > 800 else "y"
     assert boxes[1][axis] >= boxes[0][axis] + boxes[0]["width" if axis == "x" else "height"] - 2
     assert min(box["height"] for box in boxes) > 400
+    left.locator(".tl-overlay").focus()
+    whole = windows(page)
+    assert whole[0] == whole[1]
+    page.keyboard.press("w")
+    left.wait_for_function(WIDTH + f" < {whole[0][1] - whole[0][0]}")
+    shared = windows(page)
+    right.wait_for_function(WIDTH + f" === {shared[0][1] - shared[0][0]}")
+    assert windows(page) == [shared[0]] * 2
+    page.click("#tied")
+    right.locator(".tl-overlay").press("w")
+    right.wait_for_function(WIDTH + f" < {shared[0][1] - shared[0][0]}")
     page.wait_for_timeout(400)
+    assert windows(page)[0] == shared[0]
     assert page.url.split("#")[1].startswith("t=3")
+    assert page.url.endswith("tied=no")
     page.evaluate(axe())
     assert [found for found in page.evaluate(GRAVE) if found[1] in ("moderate", "serious", "critical")] == []
     page.context.close()

@@ -11,13 +11,29 @@ const address = new Address();
 const connection = new Connection({ message: take, opened: () => trouble(""), lost: (why) => trouble(why, true) });
 const transport = new Transport(find("transport"), (message) => connection.send(message));
 let fault_timer = 0;
+let tied = true; // whether timelines are zoomed and moved together
 let sought = false; // whether the page has gone to the time in its address
 
 find("reconnect").addEventListener("click", () => {
   connection.connect();
   for (const frame of document.querySelectorAll("iframe")) frame.contentWindow.location.reload();
 });
+tie(address.get("tied") !== "no");
+find("tied").addEventListener("click", () => tie(!tied));
+window.addEventListener("message", ({ source, origin, data }) => {
+  if (!tied || origin !== location.origin || data.say !== "window") return;
+  for (const { contentWindow } of document.querySelectorAll("iframe")) {
+    if (contentWindow !== source) contentWindow.postMessage(data, location.origin);
+  }
+});
 connection.connect();
+
+/** Have all timelines show the same part of the runs, or each its own. */
+function tie(together) {
+  tied = together;
+  find("tied").setAttribute("aria-pressed", String(tied));
+  address.put("tied", tied ? null : "no");
+}
 
 function take(message) {
   if (message.say === "scene") begin(message);

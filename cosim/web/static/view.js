@@ -5,7 +5,8 @@ import { Page, find } from "./page.js";
 import { Lights } from "./timeline/lights.js";
 import { Timeline } from "./timeline/timeline.js";
 
-document.documentElement.classList.toggle("framed", window.parent !== window); // beside another run, below their time
+const framed = window.parent !== window; // beside another run, below their time
+document.documentElement.classList.toggle("framed", framed);
 const page = new Page({ take, show, bytes: (buffer) => timeline.take_bytes(buffer) });
 const { run, floor } = page;
 const robots = new Robots(find("robots"), floor, (robot) => page.select(robot));
@@ -18,10 +19,14 @@ const timeline = new Timeline(find("timeline"), {
   seek: (time_s) => page.transport.seek(time_s),
   select: (robot) => page.select(robot),
   light: (robots) => lights.show(robots),
+  shown: (shown) => framed && window.parent.postMessage({ say: "window", ...shown }, location.origin),
 });
 
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") page.select(null);
+});
+window.addEventListener("message", ({ source, origin, data }) => {
+  if (framed && source === window.parent && origin === location.origin && data.say === "window") timeline.take_window(data);
 });
 page.connection.connect();
 
@@ -41,7 +46,7 @@ function take(message) {
 function begin(scene) {
   document.title = `${scene.name} – cosim`;
   find("result").hidden = true;
-  timeline.begin(scene);
+  timeline.begin({ ...scene, beside: framed });
   events.begin(scene);
   events.seek = scene.live ? null : (time_s) => page.transport.seek(time_s);
   const about = [scene.protocol, scene.channel && `channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`];

@@ -32,7 +32,8 @@ export class Timeline {
   /**
    * @param {HTMLElement} root an empty section
    * @param {{send: (message: object) => boolean, seek: (time_s: number) => void, select: (robot: number | null) => void,
-   *   light: (robots: number[]) => void}} page what the timeline does to the page: light shows robots on the floor
+   *   light: (robots: number[]) => void, shown?: (window: {from_ns: number, to_ns: number, follow: boolean}) => void}} page
+   *   what the timeline does to the page: light shows robots on the floor, shown is told which window is shown now
    */
   constructor(root, page) {
     this.root = root;
@@ -48,7 +49,11 @@ export class Timeline {
     this.dirty = new Set();
     this.blank = 0; // pictures with a part of which nothing was known
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
-    this.axis = new Axis(() => this.moved());
+    this.taken = false; // whether the window is being set by a timeline beside
+    this.axis = new Axis(() => {
+      this.moved();
+      if (this.begun && !this.taken) this.tell_window();
+    });
     this.windows = new Windows((message) => page.send(message), () => this.draw());
     this.measure = new Measure(this);
     this.finder = new Finder(this);
@@ -143,11 +148,25 @@ export class Timeline {
   /** Take a scene: the connection is new, and perhaps the run. */
   begin(scene) {
     this.live = scene.live;
+    this.least_ns = scene.beside ? Math.round(scene.duration_s * 1e9) : 0; // all runs beside each other have one axis
     this.begun = false;
     this.windows.forget();
     this.finder.forget();
     this.measure.forget();
     this.root.hidden = true; // until the server names lanes
+  }
+
+  tell_window() {
+    const { from_ns, to_ns, follow } = this.axis;
+    this.page.shown?.({ from_ns, to_ns, follow });
+  }
+
+  /** Show the window that a timeline beside this one shows. */
+  take_window({ from_ns, to_ns, follow }) {
+    if (!this.begun) return;
+    this.taken = true;
+    this.axis.show(from_ns, to_ns, follow);
+    this.taken = false;
   }
 
   /** Take a message of the server; return whether it was about the timeline. */
@@ -174,6 +193,7 @@ export class Timeline {
     this.wifi = wifi && !kinds.some(({ name }) => ["POLL", "NULL", "ID"].includes(name));
     if (this.legend.childElementCount === 0 || this.kinds.fresh) this.show_legend();
     if (this.begun) this.axis.extend(Number(last_ns));
+    else if (this.least_ns) this.axis.begin(0, Math.max(Number(last_ns), this.least_ns), false);
     else this.axis.begin(Number(first_ns), Number(last_ns), this.live);
     this.resize();
     this.lay(this.begun ? this.rows.by_channel : read("view") === "channels");
