@@ -39,16 +39,7 @@ def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
         "slot_ns": _slot(scenario.channel),
         "wall_losses_db": np.round(floor.wall_loss_db, 3).tolist(),
         "radios": radios_of(scenario.channel, scenario.team),
-        "scanner": _scanner(scenario),
     }
-
-
-def _scanner(scenario: Scenario) -> Plain | None:
-    """Return how far the robots' range scanners reach, and with how many beams; None if the protocol asks for none."""
-    if not scenario.protocol.spec.needs_view:
-        return None
-    senses = scenario.team.senses
-    return {"range_m": senses.beam_range_m, "beams": senses.beams}
 
 
 def _slot(settings: ChannelSettings) -> Time | None:

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections import Counter
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shapely import LineString, Point, Polygon, unary_union
 
 from cosim.channels.propagation import Propagation, PropagationSettings
 from cosim.errors import UserError
@@ -366,73 +364,6 @@ def test_a_table_tells_what_the_canvas_shows(opened: Any):
     until(page, "/does nothing/.test(document.querySelector('#floor-robots tbody').rows[2].textContent)")
     assert "frozen" in page.evaluate("document.querySelector('#floor-robots tbody').rows[1].textContent")
     assert page.get_attribute("#floor", "aria-details") == "floor-robots"
-
-
-# ---------------------------------------------------------------- what is in sight
-
-LOOK = """async ({ scene, trails, robot, whose }) => {
-  const { Seen, fan } = await import("/static/seen.js");
-  const floor = { run: { scene, trails, now: {} }, bounds_m: scene.bounds_m, below: [], selected: whose,
-    visible: () => true, colours: { accent: "#000" } };
-  const seen = new Seen(floor);
-  while (seen.look(3) || seen.waits);  // three places a picture
-  const { width, height } = seen.pen.canvas;
-  const { data } = seen.pen.getImageData(0, 0, width, height);
-  const [x, y, heading] = robot;
-  return { width, height, cell_m: seen.cell_m, area_m2: seen.area_m2, alpha: [...data.filter((_, at) => at % 4 === 3)],
-    ends: fan([x, y], heading, 90, scene.scanner.range_m, seen.sides, [[4, 2.5, 0.3]]) };
-}"""
-"""Has a page look around from trails, and from one place with another robot near."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("whose", [None, 1])
-def test_what_has_been_in_sight_and_what_is_scanned_is_what_walls_leave_free(opened: Any, whose: int | None):
-    box, range_m = [[9, 1], [10, 1], [10, 2], [9, 2]], 3.0
-    told = scene({"kind": "ideal"}) | {"polygons_m": [box], "scanner": {"range_m": range_m, "beams": 90}}
-    trails = [
-        [[0, 2.0, 2.0], [1, 2.5, 2.2], [2, 4.1, 5.6]],
-        [[0, 8.0, 1.5], [1.5, 8.2, 1.4], [3, 10.6, 3.2], [4, 11.0, 7.5]],
-    ]
-    given = {"scene": told, "trails": trails, "robot": [3.0, 2.0, 0.3], "whose": whose}
-    page = opened.evaluate(LOOK, given)
-    walls = unary_union([LineString([wall[:2], wall[2:]]) for wall in told["walls_m"]] + [Polygon(box).exterior])
-    alpha = np.array(page["alpha"]).reshape(page["height"], page["width"])[::-1]  # a canvas counts from above
-    places = [place[1:] for robot, trail in enumerate(trails) if whose in (None, robot) for place in trail]
-    checked = Counter[bool]()
-    for row, column in np.random.default_rng(5).integers((0, 0), alpha.shape, (700, 2)).tolist():
-        x, y = (column + 0.5) * page["cell_m"], (row + 0.5) * page["cell_m"]
-        corners = [(x + dx, y + dy) for dx in (-0.15, 0, 0.15) for dy in (-0.15, 0, 0.15)]
-        visible = {any(is_in_sight(place, corner, range_m, walls) for place in places) for corner in corners}
-        if len(visible) == 1:  # no edge is near
-            assert bool(alpha[row, column] > 127) is visible.pop(), (x, y)
-            checked[bool(alpha[row, column] > 127)] += 1
-    assert min(checked[True], checked[False]) > 80
-    assert page["area_m2"] == pytest.approx(np.count_nonzero(alpha > 127) * page["cell_m"] ** 2)
-    hits = walls.union(Point(4, 2.5).buffer(0.3, 64).exterior)
-    for beam, end in enumerate(page["ends"]):
-        angle = 0.3 + beam * 2 * np.pi / 90
-        way = LineString([(3, 2), (3 + range_m * np.cos(angle), 2 + range_m * np.sin(angle))])
-        met = way.intersection(hits)
-        length = range_m if met.is_empty else Point(3, 2).distance(met)
-        assert np.hypot(end[0] - 3, end[1] - 2) == pytest.approx(length, abs=2e-3), beam
-        assert np.arctan2(end[1] - 2, end[0] - 3) == pytest.approx((angle + np.pi) % (2 * np.pi) - np.pi)
-
-
-def is_in_sight(place: list[float], point: tuple[float, float], range_m: float, walls: Any) -> bool:
-    """Return whether nothing stands between two points that are in range of each other."""
-    way = LineString([place, point])
-    return bool(way.length <= range_m and not way.intersects(walls))
-
-
-def test_a_scene_tells_of_scanners_if_the_protocol_has_robots_use_them():
-    assert scene({"kind": "ideal"})["scanner"] is None
-    explores = PLAIN | {
-        "protocol": {"use": "exploration"},
-        "team": {"size": 2, "senses": {"beams": 24, "beam_range_m": 3}},
-    }
-    scenario = Scenario.model_validate(explores)
-    assert scene_of(scenario, Simulation(scenario, 1).floorplan, 1)["scanner"] == {"range_m": 3.0, "beams": 24}
 
 
 @pytest.mark.slow

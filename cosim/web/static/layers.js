@@ -1,8 +1,7 @@
 // What the floor shows of a run, as layers that can be switched off; the legend names those that this run has.
 
-const ALL = ["trails", "links", "frames", "ranges", "routes", "marks", "jammers", "names", "seen", "scans"];
-const ON_REQUEST = ["ranges", "seen", "scans"]; // they are computed, and cover much
-const AT_FIRST = new Set(ALL.filter((layer) => !ON_REQUEST.includes(layer)));
+const ALL = ["trails", "links", "frames", "ranges", "routes", "marks", "jammers", "names"];
+const AT_FIRST = new Set(ALL.filter((layer) => layer !== "ranges")); // a range is computed on request
 const MARKS = { goal: "○ goals", ghost: "◌ ghosts", frontier: "□ frontiers", mark: "× events" };
 
 /** The layers of a floor, which are on or off, and the legend with a button for each. */
@@ -81,7 +80,5 @@ function entries_of({ scene, had }, extra) {
     marks.length && ["marks", marks.join(" "), "places that events name"],
     faults.length && ["jammers", faults.join(" "), "what faults have put on the floor"],
     scene.radios?.length && ["ranges", "◍ range", "how far the chosen robot is heard, and what walls cost"],
-    scene.scanner && ["seen", "▨ seen", "what the chosen robot, or the team, has had in sight so far, as far as the scanners reach"],
-    scene.scanner && ["scans", "✺ scans", "what the chosen robot, or each, scans at this moment"],
   ].filter(Boolean);
 }

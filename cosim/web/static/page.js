@@ -6,7 +6,6 @@ import { Floor } from "./floor.js";
 import { Layers } from "./layers.js";
 import { Ranges } from "./ranges.js";
 import { Run } from "./run.js";
-import { Seen } from "./seen.js";
 import { Table } from "./table.js";
 import { Tools } from "./tools.js";
 import { Transport } from "./transport.js";
@@ -32,8 +31,7 @@ export class Page {
     this.floor = new Floor(find("floor"), this.run, (layer) => this.layers.has(layer), (robot) => this.select(robot));
     this.layers = new Layers(find("legend"), this.address, () => this.show_soon());
     this.tools = new Tools(this.floor, this.address);
-    this.sight = new Seen(this.floor);
-    this.table = new Table(this.floor, this.sight);
+    this.table = new Table(this.floor);
     this.connection = new Connection({
       message: (message) => this.take(message, take),
       bytes,

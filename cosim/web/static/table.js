@@ -6,28 +6,19 @@ const MOST_FRAMES = 20;
 
 /** The table behind a floor. */
 export class Table {
-  /**
-   * @param {import("./floor.js").Floor} floor
-   * @param {import("./seen.js").Seen} sight
-   */
-  constructor(floor, sight) {
-    this.sight = sight;
-    this.seen = document.createElement("p");
-    this.seen.id = "floor-seen";
+  /** @param {import("./floor.js").Floor} floor */
+  constructor(floor) {
     this.robots = table("floor-robots", "Robots on the floor", ["robot", "x, m", "y, m", "heading, °", "state"]);
     this.frames = table("floor-frames", "Frames in the air", ["type", "from", "to", "RF channel", "outcome"]);
     const root = document.createElement("div");
     root.className = "unseen";
-    root.append(this.robots, this.frames, this.seen);
+    root.append(this.robots, this.frames);
     floor.canvas.after(root);
     floor.canvas.setAttribute("aria-details", "floor-robots");
   }
 
   /** Show the present moment of a run. */
   show(run) {
-    const area_m2 = this.sight.area_m2;
-    const who = this.sight.chosen === null ? "The team" : `Robot ${this.sight.chosen}`;
-    this.seen.textContent = area_m2 === null ? "" : `${who} has had ${area_m2.toFixed(1)} m² in sight.`;
     fill(this.robots, run.now.robots.map(([x, y, heading, down], robot) => [
       robot, x.toFixed(2), y.toFixed(2), Math.round((heading * 180) / Math.PI),
       [down && "does nothing any more", standing(run.doing, robot)].filter(Boolean).join("; "),
