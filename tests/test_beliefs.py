@@ -2,19 +2,24 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import shapely
 
 from cosim.beliefs import cells_of, corners_of, points_of, runs_of, way_of
-from cosim.scenario import Scenario
+from cosim.documents import read_yaml
+from cosim.scenario import Scenario, build
 from cosim.simulation import Simulation
 from cosim.trace import BELIEFS, POSES, Trace
 from cosim.units import MS, S, Time, to_seconds
 
+PINS = Path(__file__).parent / "pins"
 FLOOR = {"map": "walls", "bounds_m": [0, 0, 9, 6], "walls": [[3, 0, 3, 4], [6, 2, 6, 6], [3, 4, 4, 4]]}
 EXPLORING: dict[str, Any] = {
     "name": "exploring",
@@ -194,6 +199,71 @@ def test_a_robot_without_a_filter_that_knows_its_place_has_no_estimates():
     run = begun(EXPLORING | {"duration_s": 1, "faults": []})
     run.advance(S)
     assert run.trace.count("estimates") == 0
+
+
+PINNED: dict[str, dict[str, Any]] = {
+    "aggregation": {},
+    "deployment": {"protocol.parameters.positioning": {"kind": "mcl"}, "team.senses.odometry_slip": 0.02},
+    "gathering": {},
+    "pseudonet": {"duration_s": 80},
+}
+
+
+@cache
+def pinned(name: str) -> Simulation:
+    """Return a run of one of the protocols, with beliefs; without, it was the same."""
+    plain = read_yaml(PINS / f"{name}.yaml")["scenario"]
+    for path, value in PINNED[name].items():
+        *way, last = path.split(".")
+        place = plain
+        for key in way:
+            place = place[key]
+        place[last] = value
+    scenario = build(plain, name, PINS)
+    run = Simulation(scenario, 1, BELIEFS)
+    assert run.run().digest == Simulation(scenario, 1).run().digest
+    return run
+
+
+@pytest.mark.parametrize("name", PINNED)
+def test_ways_pass_no_wall(name: str):
+    run = pinned(name)
+    walls = shapely.MultiLineString([((x1, y1), (x2, y2)) for x1, y1, x2, y2 in run.floorplan.walls_m.tolist()])
+    ways = [way_of(points) for points in run.trace.columns("ways")["points"] if points]
+    assert ways
+    for way in ways:
+        assert len(way) == 1 or not shapely.LineString(way).crosses(walls), way
+    assert name != "aggregation" or max(map(len, ways)) > 1
+
+
+def test_goals_are_those_of_which_events_tell():
+    trace = pinned("deployment").trace
+    events, ways = table(trace, "events"), table(trace, "ways")
+    begun = events[(events.event == "TaskStarted") & (events.act == "go")]
+    assert len(begun) > 0
+    for event in begun.itertuples():
+        told = ways[(ways.source == event.source) & (ways.time_ns >= event.time_ns)].iloc[0]
+        assert (told.goal_x_m, told.goal_y_m) == pytest.approx((event.goal_x_m, event.goal_y_m))
+
+
+def test_an_estimate_on_a_known_map_is_told_with_the_spread_of_its_particles():
+    trace = pinned("deployment").trace
+    events, estimates = table(trace, "events"), table(trace, "estimates")
+    reported = events[events.event == "Positioned"].set_index(["time_ns", "source"])
+    told = estimates[estimates.origin == "machine"].set_index(["time_ns", "source"]).loc[reported.index]
+    assert len(told) > 100
+    assert np.allclose(told[["x_m", "y_m"]], reported[["x_m", "y_m"]].astype(float))
+    spread_m = np.sqrt((told.xx_m2 + told.yy_m2).astype(float))  # of the particles that have survived
+    assert (np.abs(np.log(spread_m / reported.spread_m.astype(float))) < math.log(1.5)).mean() > 0.9
+
+
+def test_a_team_that_has_covered_all_knows_all():
+    run = pinned("pseudonet")
+    maps = table(run.trace, "maps")
+    known = [grown(maps, robot, run.kernel.now) for robot in range(len(run.machines))]
+    reachable = run.machines[0].application.coordination.view.setup.grid.reachable
+    assert [set(np.flatnonzero(cells < 0)) for cells in known] == [set(np.flatnonzero(reachable))] * len(known)
+    assert not any((cells > 0).any() for cells in known)
 
 
 @pytest.mark.parametrize(

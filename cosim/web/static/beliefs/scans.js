@@ -14,7 +14,7 @@ export class Scans {
     this.floor = floor;
     this.send = send;
     this.forget();
-    floor.below.push((pen) => this.paint(pen));
+    floor.extras.push((pen) => this.paint(pen)); // on top of walls, which it ends at
   }
 
   /** Forget what is known: it was about another run. */

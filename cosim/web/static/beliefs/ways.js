@@ -6,10 +6,13 @@ const SIGMAS = Math.sqrt(5.991); // the ellipse that holds 95 % of a normal dist
 const FLAG_PX = 12;
 const LEAST_PX = 1.5; // an estimate that is nearer to the truth than this is hidden by the robot anyway
 
-/** Paint the path of each robot from where it is, and a flag at its goal; to that a thin line, if no path leads there. */
+/**
+ * Paint the path of each robot, and a flag at its goal; to that a thin line, if no path leads there. A path begins where
+ * the robot takes itself to be: all of it is what the robot believes.
+ */
 export function paint_ways(pen, floor) {
   for (const [robot, points, goal] of floor.run.beliefs.ways) {
-    const place = floor.run.now.robots[robot];
+    const place = believed(floor.run, robot);
     if (!place) continue;
     pen.strokeStyle = pen.fillStyle = floor.colour(robot);
     const path = [place, ...points].map((point) => floor.place(point));
@@ -51,6 +54,13 @@ export function paint_estimates(pen, floor) {
   }
 }
 
+/** Where a robot takes itself to be, by its filter if it has one, or else by odometry; or where it is, if it knows. */
+function believed({ beliefs: { estimates }, now }, robot) {
+  const own = estimates.filter(([whose]) => whose === robot);
+  const [, , x, y] = own.find(([, origin]) => origin === "machine") ?? own[0] ?? [];
+  return x === undefined ? now.robots[robot] : [x, y];
+}
+
 /** Half axes (m) and the direction of the greater one of the ellipse that holds 95 % by a covariance (m²). */
 export function ellipse_of(xx, xy, yy) {
   const middle = (xx + yy) / 2;
@@ -60,12 +70,13 @@ export function ellipse_of(xx, xy, yy) {
 }
 
 /** What is shown of these, in words: rows of [what, of whom, words]. */
-export function words_of_beliefs({ beliefs: { ways, estimates }, now }) {
+export function words_of_beliefs(run) {
+  const { beliefs: { ways, estimates }, now } = run;
   const at = ([x, y]) => `${x.toFixed(2)}, ${y.toFixed(2)}`;
   const long_m = (points) => points.slice(1).reduce((sum, [x, y], before) => sum + Math.hypot(x - points[before][0], y - points[before][1]), 0);
   return [
     ...ways.map(([robot, points, goal]) => {
-      const path = points.length ? `a path of ${long_m([now.robots[robot], ...points]).toFixed(1)} m` : "no path";
+      const path = points.length ? `a path of ${long_m([believed(run, robot), ...points]).toFixed(1)} m` : "no path";
       return ["way", `robot ${robot}`, [path, goal && `the goal is at ${at(goal)}`].filter(Boolean).join(", ")];
     }),
     ...estimates.map(([robot, origin, x, y, , xx, xy, yy]) => {
