@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -109,6 +109,45 @@ def anywhere(
     return list(zip(x_m.tolist(), y_m.tolist(), strict=True))
 
 
+class CellMap(NamedTuple):
+    """A map of cells that a machine has made of the floor."""
+
+    cells: np.ndarray[Any, np.dtype[np.int8]]
+    """Shape (rows, columns), row 0 at the bottom: 0 where nothing is known, below 0 what is empty, above 0 occupied."""
+    corner_m: tuple[float, float]
+    """The lower left corner of the first cell."""
+    cell_m: float
+    version: int
+    """Another number whenever the cells have changed."""
+    common: bool = False
+    """True if all machines of the team have this one in common."""
+
+
+class PoseEstimate(NamedTuple):
+    """Where a machine takes its robot to be, and the covariance of that place, m^2; NaN where it knows none."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    xx_m2: float = math.nan
+    xy_m2: float = math.nan
+    yy_m2: float = math.nan
+
+
+class Belief(NamedTuple):
+    """What a machine believes, for people who look on: nothing in the run depends on it."""
+
+    map: CellMap | None = None
+    way_m: Sequence[tuple[float, float]] = ()
+    """The points by which the robot means to go from where it is; empty if it follows no path."""
+    goal_m: tuple[float, float] | None = None
+    """Where it wants to get to in the end; None if nowhere, or if it does not know where that is."""
+    estimate: PoseEstimate | None = None
+    """What it has worked out of its own place; None if it takes what it observes."""
+    frame: Literal["own", "world"] = "own"
+    """Whose frame all of this is in: that of the robot's observations, or the world's, if the machine knows that."""
+
+
 class Referee(Protocol):
     """Judge of the truth of one run: sees the bodies, and hears what machines report, but not what they believe."""
 
@@ -189,5 +228,7 @@ class ProtocolSpec:
     That is a NamedTuple, a dataclass, a pydantic model, a mapping or a text; :mod:`cosim.decoding` makes plain data of
     it. The bytes may be any.
     """
+    believes: Callable[[Any], Belief] | None = None
+    """(machine) -> what it believes now, for who looks at the run. It is asked at any tick, and changes nothing."""
     page: WebPage | None = None
     """The page that the operator of such a run is shown; None if the protocol brings none."""

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
+from cosim.beliefs import Beliefs
 from cosim.channels.base import WHY_UNSENT, Channel
 from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
@@ -137,6 +138,7 @@ class Simulation:
         """Somebody sits at a console: the run goes on when all machines have finished, or its time is over."""
         self._distance_m = 0.0
         self._poses_wanted = self.trace.wants(POSES)
+        self._beliefs = Beliefs(self.trace, self.spec.believes, self.senses, surroundings.frames)
 
     def run(self) -> Outcome:
         """Execute the run: until all machines have finished, the referee ends it, or its time is over."""
@@ -266,6 +268,8 @@ class Simulation:
                 self.trace.row(POSES, now, robot, x, y, heading)
         for node, observation in zip(self.nodes, self._observations(), strict=True):
             node.observe(observation, now)
+        if self._beliefs.wanted:
+            self._beliefs.note(self.machines, [node.alive for node in self.nodes], now)
         for death in self.faults.deaths():
             self.referee.died(death)
         over = self.referee.look(self.fleet.x_m, self.fleet.y_m, now)
@@ -395,8 +399,15 @@ def _frames(scenario: Scenario, starts: Sequence[tuple[float, float]], streams: 
     """Return each robot's own frame: the world, or where it starts, turned by any angle."""
     if scenario.team.senses.frames == "world":
         return (WORLD_FRAME,) * len(starts)
-    turns = (float(streams("frame", robot).uniform(-math.pi, math.pi)) for robot in range(len(starts)))
+    turns = frame_turns(scenario, streams)
     return tuple((x, y, turn) for (x, y), turn in zip(starts, turns, strict=True))
+
+
+def frame_turns(scenario: Scenario, streams: Streams) -> list[float]:
+    """Return the angle (rad) by which each robot's own frame is turned against the world's in the beginning."""
+    if scenario.team.senses.frames == "world":
+        return [0.0] * scenario.team.size
+    return [float(streams("frame", robot).uniform(-math.pi, math.pi)) for robot in range(scenario.team.size)]
 
 
 def make_channel(

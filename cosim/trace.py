@@ -178,8 +178,59 @@ CALLS: Final = Table(
         Field("detail", "str", "", "arguments and result, for people"),
     ),
 )
+MAPS: Final = Table(
+    "maps",
+    "maps that machines have made, a row for each tick at which one has changed: the cells that have; a cell is the "
+    "number row * columns + column, and a run of them first-last",
+    (
+        _TIME,
+        Field("source", "int", "", "whose map it is; -1 for the one that all robots have in common"),
+        Field("corner_x_m", "float", "m", "lower left corner of cell 0, world frame"),
+        Field("corner_y_m", "float", "m", "lower left corner of cell 0, world frame"),
+        Field("turn_rad", "float", "rad", "angle by which its rows are turned against the x axis, counter-clockwise"),
+        Field("cell_m", "float", "m", "side of a cell"),
+        Field("columns", "int", "", "number of columns"),
+        Field("rows", "int", "", "number of rows, the first is the lowest"),
+        Field("unknown", "str", "", "cells of which nothing is known any more"),
+        Field("empty", "str", "", "cells that are taken for empty from now on"),
+        Field("occupied", "str", "", "cells that are taken for occupied from now on"),
+    ),
+)
+WAYS: Final = Table(
+    "ways",
+    "where robots mean to go, a row for each tick at which that has changed",
+    (
+        _TIME,
+        _SOURCE,
+        Field("points", "str", "m", "x y, x y, ... of the path that it follows from there on, world frame; or nothing"),
+        Field("goal_x_m", "float", "m", "where it wants to get to, world frame; empty if nowhere known", optional=True),
+        Field("goal_y_m", "float", "m", "where it wants to get to, world frame; empty if nowhere known", optional=True),
+    ),
+)
+_COVARIANCE = "covariance of the place, world frame; empty if none is known"
+ESTIMATES: Final = Table(
+    "estimates",
+    "where robots take themselves to be, a row a robot and tick, if they are not told where they are",
+    (
+        _TIME,
+        _SOURCE,
+        Field("origin", "str", "", "odometry, what the body senses; or machine, what a filter makes of that and scans"),
+        Field("x_m", "float", "m", "position, world frame"),
+        Field("y_m", "float", "m", "position, world frame"),
+        Field("heading_rad", "float", "rad", "heading, counter-clockwise from the x axis"),
+        Field("xx_m2", "float", "m^2", _COVARIANCE, optional=True),
+        Field("xy_m2", "float", "m^2", _COVARIANCE, optional=True),
+        Field("yy_m2", "float", "m^2", _COVARIANCE, optional=True),
+    ),
+)
+BELIEFS: Final = (MAPS, WAYS, ESTIMATES)
+"""Tables of what robots believe."""
 TABLES: Final = {
-    table.name: table for table in (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT, CALLS)
+    table.name: table
+    for table in (
+        *(POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT, CALLS),
+        *BELIEFS,
+    )
 }
 
 

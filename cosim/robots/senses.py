@@ -35,6 +35,8 @@ from cosim.robots.sense_kernels import (
     COLUMNS,
     FRAME_TURN,
     FRAME_X,
+    HEADING,
+    OWN_HEADING,
     OWN_X,
     RADIUS,
     Room,
@@ -156,6 +158,22 @@ class Senses:
         self._poses[:] = poses
         self._scanner.begin(tick)
         return self._views[robot]
+
+    @property
+    def own_poses(self) -> Floats:
+        """Where robots take themselves to be, each in its own frame: x and y (m), heading (rad), shape (n, 3)."""
+        return self._poses[:, OWN_X : OWN_HEADING + 1]
+
+    def ranges_from(self, robot: int, poses: Floats, turned_rad: Floats, tick: int) -> Floats:
+        """Return what the scanner of *robot* reads at a *tick* if all robots are at *poses* (n, 3) of the world then.
+
+        *turned_rad* (n,) is the angle by which the frame of each one's odometry is turned against the world's. For who
+        looks on, with senses of his own.
+        """
+        self._poses[:, X : HEADING + 1] = poses
+        self._poses[:, OWN_HEADING] = poses[:, 2] - turned_rad
+        self._scanner.begin(tick)
+        return self._views[robot].ranges_m()
 
     def _show(self, seen: Cameras) -> None:
         self._seen = seen

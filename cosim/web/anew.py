@@ -5,7 +5,7 @@ from collections.abc import Callable
 from cosim.errors import UserError
 from cosim.web.history import Cursor
 from cosim.web.live import Live
-from cosim.web.messages import Again, Plain, Wish
+from cosim.web.messages import Again, AskPresent, Plain, Wish
 from cosim.web.timeline import Timeline
 
 _OVER = ("ended", "failed")
@@ -47,6 +47,10 @@ class Anew:
             return [{"say": "again"}], cursor  # it connects again: nothing else is for it
         told, new = self._run.look(cursor)
         return told, new._replace(run=self._count)
+
+    def answer(self, asked: AskPresent) -> Plain:
+        """Return the answer to what a page asks about the present."""
+        return self._run.answer(asked)
 
     def close(self) -> None:
         """End the present run."""

@@ -7,7 +7,7 @@ from cosim.errors import UserError
 from cosim.units import Time, to_seconds
 from cosim.web.clock import Clock
 from cosim.web.history import Cursor
-from cosim.web.messages import Plain, Step, Wish
+from cosim.web.messages import AskPresent, Plain, Step, Wish
 from cosim.web.recorded import Recorded
 from cosim.web.timeline import NO_TIMELINE, Timeline
 
@@ -72,6 +72,10 @@ class Beside:
         new = Cursor(self.clock.jumps, 0, 0, (now, state, speed))
         message = {"say": "now", "time_s": to_seconds(now), "state": state, "speed": speed, "why": ""}
         return [] if new == cursor else [message], new
+
+    def answer(self, asked: AskPresent) -> Plain:
+        """Raise UserError: each run answers for itself."""
+        raise UserError("ask one of the runs")
 
     @property
     def timeline(self) -> Timeline:

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 from cosim.units import Time, to_seconds
 from cosim.web.activity import Activity
 from cosim.web.air import Air
+from cosim.web.beliefs import Beliefs
 from cosim.web.messages import Plain
 from cosim.web.rows import Row, Rows
 
@@ -34,6 +35,7 @@ class Cursor(NamedTuple):
     ended: bool = False
     doing: Hashable = None
     run: int = 0
+    believed: Plain | None = None
 
 
 class Moment(NamedTuple):
@@ -63,6 +65,7 @@ class History(NamedTuple):
     """A row for each world tick: its time (s), and three numbers for each robot, x, y (m) and heading (rad)."""
     air: Air
     activity: Activity
+    beliefs: Beliefs
     events: Rows
     """Rows of number, time (s), robot, event, its fields."""
     marks: Rows
@@ -73,14 +76,18 @@ class History(NamedTuple):
     def now(self, moment: Moment, cursor: Cursor | None) -> tuple[Plain | None, Cursor]:
         """Return the message ``now`` for a page that has been sent all up to *cursor*, and the new cursor.
 
-        The message is None if there is nothing new for the page. ``doing`` is in it if that differs from what was sent.
+        The message is None if there is nothing new for the page. ``doing`` is in it if that differs from what was
+        sent, and so are the parts of ``beliefs``.
         """
         events = self.events.until(moment.time)
         doing, intervals = self.activity.at(moment.time)
         fresh = cursor is None or cursor.jumps != moment.jumps
         known = cursor or Cursor(moment.jumps, 0, events, ())
         frames = self.air.until(moment.time)
+        before = {} if fresh or known.believed is None else known.believed
+        believed = self.beliefs.told(moment.time, before)
         new = known._replace(jumps=moment.jumps, frames=frames, events=events, shown=moment.shown, doing=doing)
+        new = new._replace(believed=before | believed)
         if new == cursor:
             return None, new
         message: Plain = {
@@ -94,6 +101,8 @@ class History(NamedTuple):
         message |= self.air.at(moment.time, moment.speed)
         if fresh or doing != known.doing:
             message["doing"] = intervals()
+        if believed:
+            message["beliefs"] = believed
         if fresh:
             return message | self._from_before(moment.time, events), new
         message["events"] = self._between(known.events, events, moment.time)

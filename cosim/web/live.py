@@ -8,29 +8,34 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from typing import Any, Final
 
+import numpy as np
+
+from cosim.arrays import Floats
 from cosim.caches import begin, cache_folder, kernels_digest
 from cosim.decoding import decoded
 from cosim.errors import UserError
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
-from cosim.trace import FRAMES, INTERVALS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
-from cosim.units import S, Time, to_seconds
+from cosim.trace import BELIEFS, FRAMES, INTERVALS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
+from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import PresentActivity
 from cosim.web.air import Frame, RecentAir
+from cosim.web.beliefs import PresentBeliefs
 from cosim.web.history import DOWN, MOST_OF_KIND, UP, Cursor, History, Moment, places
-from cosim.web.messages import Again, Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
+from cosim.web.messages import Again, AskMap, AskPresent, Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
 from cosim.web.rows import Rolling, Row
+from cosim.web.scans import Scanner
 from cosim.web.scenes import scene_of
 from cosim.web.timeline import Grown, Timeline
 
-_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES)
+_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, *BELIEFS)
 """Tables that a page shows besides the events."""
 _WISHES: Final = 64
 """Maximum number of wishes that wait."""
@@ -180,9 +185,15 @@ class Live:
         self._marks, self._events = Rolling(_ROWS), Rolling(_ROWS)
         self._air, self._activity, self._ticks = RecentAir(), PresentActivity(), Rolling(_TICKS)
         self._kinds: dict[str, Rolling] = {}
-        self._history = History(self._ticks, self._air, self._activity, self._events, self._marks, self._kinds)
+        self._beliefs = PresentBeliefs()
+        parts = self._air, self._activity, self._beliefs, self._events, self._marks, self._kinds
+        self._history = History(self._ticks, *parts)
+        self._scanner = cache(lambda: Scanner(self._scene))
+        self._sensed: tuple[Time, Floats, Floats] | None = None
+        """The last tick, where all robots were (n, 3), and how the frames of their odometry were turned (n,)."""
         self._answers = Rolling(_ANSWERS)
-        self._timeline = Grown(self._simulation.trace.tables.values(), partial(decoded, scenario))
+        drawn = [table for table in self._simulation.trace.tables.values() if table not in BELIEFS]
+        self._timeline = Grown(drawn, partial(decoded, scenario))
         self._ending: Plain | None = None
         self._failure = ""
         self._simulation.begin()
@@ -247,6 +258,17 @@ class Live:
             if self._ending is not None and not new.ended:
                 told.append(self._ending)
             return told, new._replace(operator=count, ended=self._ending is not None)
+
+    def answer(self, asked: AskPresent) -> Plain:
+        """Return the answer to what a page asks about the present; raise UserError, one line, if there is none."""
+        with self._lock:
+            if isinstance(asked, AskMap):
+                return self._beliefs.map(asked.robot, self._moment.time)
+            scanner = self._scanner()
+            if self._sensed is None:
+                raise UserError("this run has not begun")
+            tick, poses, turned_rad = self._sensed
+            return scanner.scan(asked.robot, poses, turned_rad, tick)
 
     def close(self) -> None:
         """Stop the simulation's thread and wait for it; more than once is harmless."""
@@ -372,8 +394,13 @@ class Live:
         ]
         moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
         doing = self._simulation.under_way()
-        self._timeline.take(trace.grown(), doing, self._simulation.kernel.now)
+        grown = trace.grown()
+        self._timeline.take(grown, doing, self._simulation.kernel.now)
+        sensed = self._sense(ticks)
         with self._lock:
+            if sensed is not None:
+                self._beliefs.take(grown, sensed[0])
+                self._sensed = sensed
             for row in ticks:
                 self._ticks.append(row)
             for frame in frames:
@@ -388,6 +415,15 @@ class Live:
                 self._answers.append([answer])
             self._moment = moment
             self._published_s = time.monotonic()
+
+    def _sense(self, ticks: Sequence[Row]) -> tuple[Time, Floats, Floats] | None:
+        """Return the last of new *ticks*, where all robots were, and how the frames of their odometry were turned."""
+        if not ticks:
+            return None
+        time_s, *places = ticks[-1]
+        poses, senses = np.array(places).reshape(-1, 3), self._simulation.senses
+        turned_rad = np.zeros(len(poses)) if senses is None else poses[:, 2] - senses.own_poses[:, 2]
+        return from_seconds(time_s), poses, turned_rad
 
     def _end(self) -> None:
         outcome = self._simulation.outcome()

@@ -4,12 +4,14 @@ A message is one JSON object in one WebSocket text frame; its ``say`` is its kin
 
     {"say": "play"}  {"say": "pause"}  {"say": "speed", "speed": 2.5}  {"say": "step", "by": "tick", "count": 1}
     {"say": "seek", "time_s": 12.0}  {"say": "reach", "robot": 0, "x_m": 1.0, "y_m": 2.0}
+    {"say": "map", "robot": -1}  {"say": "scan", "robot": 0}
     {"say": "operator", "robot": 0, "data": {...}}  {"say": "again"}
 
 To the page: ``scene`` (what does not change, and ``page``, a number that no other connection to the server has: all
 pages are sent what robots answer, and find their own answers by it), ``now`` (where everything is, and what has
 happened since the last one), ``operator`` (what a robot sends to its operator), ``ended`` (the metrics), ``missed``
-(how many answers a slow page was not sent), ``reach`` (see :mod:`cosim.web.reach`), ``again`` (a new run has begun: the
+(how many answers a slow page was not sent), ``reach`` (see :mod:`cosim.web.reach`), ``map`` (see
+:mod:`cosim.web.beliefs`), ``scan`` (see :mod:`cosim.web.scans`), ``again`` (a new run has begun: the
 page is to connect again) and ``error`` (with ``why``, and the ``data`` that therefore no robot receives, so that the
 page does not wait for an answer).
 """
@@ -90,10 +92,27 @@ class AskReach(Settings):
     y_m: float = Field(ge=-1e6, le=1e6)
 
 
+class AskMap(Settings):
+    """Ask what a robot knows of the floor; -1: what the team does."""
+
+    say: Literal["map"]
+    robot: int = Field(ge=-1, lt=1 << 31)
+
+
+class AskScan(Settings):
+    """Ask what the range scanner of a robot reads."""
+
+    say: Literal["scan"]
+    robot: int = Field(ge=0, lt=1 << 31)
+
+
 Wish: TypeAlias = Play | Pause | Step | Speed | Seek | Operate | Again
 """What a page may ask for."""
 
-Asked: TypeAlias = Wish | AskReach | Question
+AskPresent: TypeAlias = AskMap | AskScan
+"""What a page may ask about the present of a run."""
+
+Asked: TypeAlias = Wish | AskReach | AskPresent | Question
 """All that a page may send."""
 _ASKED: TypeAdapter[Asked] = TypeAdapter(Annotated[Asked, Field(discriminator="say")])
 

@@ -4,7 +4,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,11 +21,13 @@ from cosim.trace import StoredTable, TableFile
 from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import StoredActivity
 from cosim.web.air import StoredAir
+from cosim.web.beliefs import StoredBeliefs
 from cosim.web.clock import Clock
 from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
 from cosim.web.marks import marks_of
-from cosim.web.messages import Plain, Step, Wish
+from cosim.web.messages import AskMap, AskPresent, Plain, Step, Wish
 from cosim.web.rows import Counted, Row, Stored
+from cosim.web.scans import Scanner
 from cosim.web.scenes import read_scene
 from cosim.web.timeline import Kept, Timeline
 
@@ -56,6 +58,7 @@ class Recorded:
         marks, kinds = _marked(events), _by_kind(events)
         self._downs = _downs(events)
         air, activity = StoredAir(frames), StoredActivity(intervals, links)
+        self._beliefs = StoredBeliefs(lambda name: _table(folder, name, StoredTable), self._times)
         seconds = self._times[:, None] / S
         ticks = np.concatenate([seconds, self._poses.reshape(len(self._times), -1)], axis=1)
         shown = _events(events, None)
@@ -63,6 +66,7 @@ class Recorded:
             ticks=Stored(self._times, lambda first, end, step: ticks[first:end:step].tolist()),
             air=air,
             activity=activity,
+            beliefs=self._beliefs,
             events=shown,
             marks=_events(events, marks),
             kinds={name: _events(events, numbers) for name, numbers in kinds.items()},
@@ -76,6 +80,7 @@ class Recorded:
             self._scene["marks"] = marks_of(*(events.column(name) for name in ("time_ns", "source", "event")))
         self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
         self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata))
+        self._scanner = cache(lambda: Scanner(self._scene))
         self.clock = Clock(end, wall, playing)
         """Its time; a run beside it may go by the same."""
 
@@ -98,6 +103,21 @@ class Recorded:
         moment = Moment(now, clock.state, clock.speed, self._robots(now), clock.jumps)
         message, new = self._history.now(moment, cursor)
         return [] if message is None else [message], new
+
+    def answer(self, asked: AskPresent) -> Plain:
+        """Return the answer to what a page asks about the present; raise UserError, one line, if there is none."""
+        now = self.clock.now
+        if isinstance(asked, AskMap):
+            return self._beliefs.map(asked.robot, now)
+        scanner = self._scanner()
+        at = max(0, int(np.searchsorted(self._times, now, side="right")) - 1)
+        poses, tick = self._poses[at], int(self._times[at])
+        turned_rad, told = scanner.turns_rad, self._beliefs.headings_rad(tick)
+        if len(told) == len(poses):
+            turned_rad = poses[:, 2] - np.array(told) + scanner.turns_rad
+        elif not scanner.aware:
+            raise UserError("this trace does not tell how robots take themselves to head: it was recorded before that")
+        return scanner.scan(asked.robot, poses, turned_rad, tick)
 
     @property
     def timeline(self) -> Timeline:

@@ -11,7 +11,9 @@ from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.radios import RadiosSettings
 from cosim.errors import UserError
+from cosim.randomness import Streams
 from cosim.scenario import Scenario
+from cosim.simulation import frame_turns
 from cosim.units import SLOT, Time
 from cosim.web.messages import Plain
 from cosim.web.reach import radios_of
@@ -31,7 +33,7 @@ def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
         "duration_s": scenario.duration_s,
         "tick_s": scenario.tick_s,
         "bounds_m": list(floor.bounds_m),
-        "walls_m": np.round(floor.walls_m, 3).tolist(),
+        "walls_m": np.round(floor.walls_m, 6).tolist(),
         "polygons_m": [[list(point) for point in polygon] for polygon in floor.polygons_m],
         "places_m": {name: [list(point) for point in points] for name, points in floor.places_m.items()},
         "base_m": _base(scenario, floor),
@@ -39,6 +41,7 @@ def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
         "slot_ns": _slot(scenario.channel),
         "wall_losses_db": np.round(floor.wall_loss_db, 3).tolist(),
         "radios": radios_of(scenario.channel, scenario.team),
+        "scanner": _scanner(scenario, seed),
     }
 
 
@@ -52,6 +55,16 @@ def _slot(settings: ChannelSettings) -> Time | None:
         case RadiosSettings(radios=radios):
             return next((slot for slot in map(_slot, radios) if slot is not None), None)
     return None
+
+
+def _scanner(scenario: Scenario, seed: int) -> Plain | None:
+    """Return what is told of the robots' range scanners; None if they have none."""
+    if not scenario.protocol.spec.needs_view:
+        return None
+    return {
+        "senses": scenario.team.senses.model_dump(mode="json"),
+        "turns_rad": frame_turns(scenario, Streams(seed)),
+    }
 
 
 def _base(scenario: Scenario, floor: Floorplan) -> list[float] | None:

@@ -27,7 +27,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from cosim.errors import UserError
 from cosim.web.guard import HOST, Guard
 from cosim.web.history import Cursor
-from cosim.web.messages import LONGEST, AskReach, Plain, Wish, error, parsed, written
+from cosim.web.messages import LONGEST, AskMap, AskPresent, AskReach, AskScan, Plain, Wish, error, parsed, written
 from cosim.web.reach import reach
 from cosim.web.timeline import Known, Question, Timeline
 
@@ -63,6 +63,9 @@ class Session(Protocol):
 
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
         """Return the messages for a page that has been sent all up to *cursor* (None: nothing), and the new cursor."""
+
+    def answer(self, asked: AskPresent) -> Plain:
+        """Return the answer to what a page asks about the present; raise UserError, one line, if there is none."""
 
     @property
     def timeline(self) -> Timeline:
@@ -190,6 +193,8 @@ class Server:
                 if isinstance(asked, AskReach):
                     place = asked.x_m, asked.y_m
                     waiting.faults.append(await asyncio.to_thread(reach, session.scene, asked.robot, place))
+                elif isinstance(asked, AskMap | AskScan):
+                    waiting.faults.append(await asyncio.to_thread(session.answer, asked))
                 elif isinstance(asked, Question):
                     waiting.ask(asked)
                 else:

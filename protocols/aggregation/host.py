@@ -12,6 +12,7 @@ from functools import partial
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Drains, LinkEvent, Reception
 from cosim.observation import Observation
+from cosim.protocol import Belief
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counters import Counters
 from protocols.aggregation.events import AllKnown, HostSuspected, HostTrusted, TargetKnown
@@ -93,6 +94,10 @@ class Host(Drains):
     def finished(self) -> bool:
         """True if the task is over and all searchers of the sub-team have reported that they have stopped."""
         return self.over and self.team.stopped
+
+    def believed(self) -> Belief:
+        """Return where it means to go, for who looks on."""
+        return self._itinerary.believed()
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         """Process a message of a searcher or of another host; return whether anything has come of it."""

@@ -9,6 +9,7 @@ from typing import Final
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Event
 from cosim.observation import Observation
+from cosim.protocol import Belief
 from cosim.units import S, Time, from_seconds
 from protocols.aggregation.course import Course, plan_of
 from protocols.aggregation.events import Departed, Reconvened
@@ -58,6 +59,11 @@ class Itinerary:
         self._static = parameters.strategy == "srp"
         self._reconvene = from_seconds(parameters.reconvene_s)
         self._sync = from_seconds(parameters.sync_s)
+
+    def believed(self) -> Belief:
+        """Return where the host goes now, and where its course ends, for who looks on."""
+        way, end = self._mover.ahead_m, self.course.way_m[-1]
+        return Belief(way_m=way, goal_m=end if way else None)
 
     @property
     def plan(self) -> Plan:

@@ -17,6 +17,7 @@ from typing import Final
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Drains, LinkEvent, Reception, next_state
 from cosim.observation import Observation
+from cosim.protocol import Belief
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counters import Counters
 from protocols.aggregation.events import ErrandChanged, HostFailed, Joined, TargetFound
@@ -164,6 +165,11 @@ class Searcher(Drains):
     def finished(self) -> bool:
         """True if it has received that the task is over."""
         return self._over
+
+    def believed(self) -> Belief:
+        """Return where it means to go, for who looks on."""
+        way = self._motion.ahead_m
+        return Belief(way_m=way, goal_m=way[-1] if way else None)
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         """Process a message of a host; ignore those of other searchers. Return whether anything has come of it."""

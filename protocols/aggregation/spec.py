@@ -195,6 +195,7 @@ SPEC = ProtocolSpec(
     decode=lambda parameters, size, data: dict(zip(("sender", "message"), decode(data), strict=True)),
     team_limit=TEAM_LIMIT,
     succeed=succeed,
+    believes=lambda machine: machine.believed(),
     needs_sight=True,
     needs_view=True,
 )

@@ -31,6 +31,10 @@ class Mover(Protocol):
     def arrived(self) -> bool:
         """True if the robot is at the goal."""
 
+    @property
+    def ahead_m(self) -> list[Point]:
+        """The points by which the robot goes from here on; empty if it stands, or does not know yet."""
+
     def head_for(self, goal_m: Point | None) -> None:
         """Go to a goal; stand still if it is None. The same goal again changes nothing."""
 
@@ -72,6 +76,11 @@ class Motion:
     def reached(self) -> int | None:
         """The post that the robot has just come to on its tour."""
         return self._posts[0] if self._touring and self._posts and self._mover.arrived else None
+
+    @property
+    def ahead_m(self) -> list[Point]:
+        """The points by which the robot goes from here on; empty if it stands."""
+        return (self._random_walk if self._walking_at_random else self._mover).ahead_m
 
     def assign(self, posts: Sequence[int]) -> None:
         """Visit *posts* and no others from now on, in this order."""
@@ -162,6 +171,11 @@ class RandomWalk:
         self.arrived = False
         self.stuck = False
         """True if the robot cannot move in any direction tried."""
+
+    @property
+    def ahead_m(self) -> list[Point]:
+        """The end of the present piece, if there is one."""
+        return [] if self.goal_m is None else [self.goal_m]
 
     def head_for(self, goal_m: Point | None) -> None:
         """Stand still for None; else walk at random, whatever the goal."""

@@ -193,6 +193,11 @@ class Walker:
         self._order_again = True
 
     @property
+    def ahead_m(self) -> list[Point]:
+        """The points by which the robot goes from here on; empty if it stands, or has no plan yet."""
+        return [] if self.arrived or self._track is None else list(self._track.points_m)
+
+    @property
     def stuck(self) -> bool:
         """True if there is no way, or no progress for longer than the robot's patience; it goes on trying."""
         return not self.arrived and self._attempts > 0

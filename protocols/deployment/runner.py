@@ -23,6 +23,7 @@ from cosim.machine import (
     drained,
 )
 from cosim.observation import Observation
+from cosim.protocol import Belief
 from cosim.units import Time, from_seconds
 from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring
@@ -151,6 +152,13 @@ class Runner(Drains):
     def events(self) -> list[Event]:
         """Drain rows for the trace, and events for the referee alone."""
         return [*super().events(), *drained(self.transport.bad)]
+
+    def believed(self) -> Belief:
+        """Return where it takes itself to be, where it means to go, and what it has learned of the floor."""
+        explored = self.exploring.believed()
+        leads = self.exploring.on
+        way, goal = (explored.way_m, explored.goal_m) if leads else (self.member.way_m, self.member.goal_m)
+        return Belief(explored.map, way, goal, self.positioning.estimate, "world")
 
     def rehearsal(self) -> list[dict[str, Any]]:
         """Return requests of an operator by which the team drives all over the floor, or explores a new one."""

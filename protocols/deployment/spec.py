@@ -172,6 +172,7 @@ SPEC = ProtocolSpec(
     notices=(PlanRefused,),
     team_limit=TEAM_LIMIT,
     succeed=succeed,
+    believes=Runner.believed,
     needs_sight=True,
     needs_view=True,
     rehearsal=lambda machines: machines[0].rehearsal(),

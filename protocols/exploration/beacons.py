@@ -68,6 +68,10 @@ class Explores(Protocol):
     def underway(self) -> bool:
         """True if it is on a path out of a local minimum."""
 
+    @property
+    def way(self) -> list[Cell]:
+        """The cells of the path that it follows, from here on; empty if it follows none."""
+
     def lead(self, observation: Observation, gained: bool) -> float | None:
         """Return the desired heading; None to stand still."""
 
@@ -100,6 +104,11 @@ class Rejoining:
         self._age = 0
         self._share = _SURE
         self._way: list[Cell] = []
+
+    @property
+    def way(self) -> list[Cell]:
+        """The cells of the way that is left."""
+        return list(self._way)
 
     def end(self) -> None:
         """Forget the way."""
@@ -187,6 +196,11 @@ class Tethered:
     def underway(self) -> bool:
         """True if the robot is on a path out of a local minimum."""
         return self._explores.underway
+
+    @property
+    def way(self) -> list[Cell]:
+        """The cells of the path that it follows, back to the others if it rejoins them."""
+        return self._rejoining.way if self._rejoins else self._explores.way
 
     def lead(self, observation: Observation, gained: bool) -> float | None:
         """Return the desired heading; None to stand still."""

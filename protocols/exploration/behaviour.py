@@ -24,6 +24,7 @@ import numpy as np
 
 import cosim.elementary as elementary
 from cosim.arrays import Floats
+from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.jit import njit
 from cosim.machine import Event
@@ -101,6 +102,11 @@ class Behaviour:
     def underway(self) -> bool:
         """True if the robot is on a path out of a local minimum."""
         return self._overlay.underway
+
+    @property
+    def way(self) -> list[Cell]:
+        """The cells of the path that it follows, from here on; empty if it follows none."""
+        return self._overlay.way
 
     def lead(self, observation: Observation, gained: bool) -> float | None:
         """Return the desired heading; None to stand still. *gained*: cells have become known in this tick.

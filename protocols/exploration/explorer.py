@@ -11,10 +11,12 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from cosim.arrays import Floats, Int32s
+from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Drains, Drive, LinkCommand, LinkEvent, Outgoing, Reception, drained
 from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation
+from cosim.protocol import Belief, CellMap
 from cosim.units import S, Time, from_seconds
 from protocols.exploration.beacons import Tethered
 from protocols.exploration.behaviour import Behaviour
@@ -43,6 +45,10 @@ class Leader(Protocol):
     @property
     def underway(self) -> bool:
         """True if the robot is on a path out of a local minimum."""
+
+    @property
+    def way(self) -> list[Cell]:
+        """The cells of the path that it follows, from here on; empty if it follows none."""
 
     def lead(self, observation: Observation, gained: bool) -> float | None:
         """Return the desired heading; None to stand still. To be called once a tick."""
@@ -162,6 +168,13 @@ class Explorer(Drains):
     def outbox(self) -> list[Outgoing | LinkCommand]:
         """Drain what sharing has to send."""
         return [] if self.sharing is None else self.sharing.drain()
+
+    def believed(self) -> Belief:
+        """Return what it believes, for who looks on; robots that have a map in common believe the same of the floor."""
+        belief, frame = self.belief, self.belief.frame
+        known = CellMap(belief.evidence, frame.origin_m, frame.cell_m, belief.version, self.setup.common is not None)
+        way = [frame.centre_m(cell) for cell in self.leader.way]
+        return Belief(known, way, way[-1] if way else None, self.positioning.estimate)
 
     # ------------------------------------------------------------ looking
 

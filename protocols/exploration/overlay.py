@@ -54,6 +54,12 @@ class Overlay:
         """True if any cell of a path is left."""
         return self._left > 0
 
+    @property
+    def way(self) -> list[Cell]:
+        """The cells of the path that are left, from the robot on."""
+        cells: list[Cell] = self._cells[: self._left].tolist()
+        return cells
+
     def frontiers(self) -> Bytes:
         """Return the frontiers that attract it: those that are neither ignored nor vain."""
         result: Bytes = self._belief.frontier & ~(self.ignored | self._belief.vain)

@@ -20,9 +20,10 @@ import numpy as np
 import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.machine import Event
-from cosim.navigation.localization.motion import turned_back
+from cosim.navigation.localization.motion import place_covariance, turned_back
 from cosim.navigation.slam import MapGrid, Slam, SlamEstimate, share_of_speed
 from cosim.observation import Observation, Seen, Sighting
+from cosim.protocol import PoseEstimate
 from cosim.randomness import Draws
 from cosim.units import S, Time
 from protocols.exploration.parameters import PositioningParameters, SpeedControlParameters
@@ -85,6 +86,10 @@ class Position(NamedTuple):
 class Positioning(Protocol):
     """What locates a robot on its map."""
 
+    @property
+    def estimate(self) -> PoseEstimate | None:
+        """Where the robot has been found to be; None if that is what it senses."""
+
     def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
         """Return what the robot knows of its place; to be called once a tick.
 
@@ -94,6 +99,8 @@ class Positioning(Protocol):
 
 class Given:
     """The pose is that of the observation: the truth, as in the paper, or odometry if that errs."""
+
+    estimate = None
 
     def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
         """Return *observation* as it is."""
@@ -164,6 +171,14 @@ class Filtered:
         self._report_ticks = max(1, round(_REPORT_S * S / tick))
         self._ticks = 0
         self._slam: Slam | None = None
+        self._found: SlamEstimate | None = None
+
+    @property
+    def estimate(self) -> PoseEstimate | None:
+        """The filter's mean, and the covariance of its particles; None before the first scan."""
+        if self._slam is None or self._found is None:
+            return None
+        return PoseEstimate(*self._found[:3], *place_covariance(self._slam.poses, self._slam.weights))
 
     def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
         """Return *observation* in the frame of the map; *ranges_m* (n,) along *beams* (n, 2) as they are sensed."""
@@ -174,7 +189,7 @@ class Filtered:
             frame = self._frame
             grid = MapGrid((frame.ny, frame.nx), frame.origin_m, frame.cell_m)
             self._slam = Slam(grid, sensed, beams, self._draws, self._filter)
-        found = self._slam.observe(sensed, self._without_bodies(observation, ranges_m, beams))
+        found = self._found = self._slam.observe(sensed, self._without_bodies(observation, ranges_m, beams))
         share = 1.0 if self._control is None else self._control.share(found.spread_m)
         if self._ticks % self._report_ticks == 0:
             self._report(Localised(found.x_m, found.y_m, found.heading_rad, found.spread_m, share))

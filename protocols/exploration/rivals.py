@@ -79,6 +79,11 @@ class Rival:
         """True if no way leads to any frontier."""
         return self._done_at == self.belief.version
 
+    @property
+    def way(self) -> list[Cell]:
+        """The cells of the way that is left; empty if it has no target."""
+        return list(self._way)
+
     def lead(self, observation: Observation, gained: bool) -> float | None:
         """Return the heading to a place ahead on the way; None to stand still."""
         if self.done:

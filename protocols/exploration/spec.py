@@ -130,4 +130,5 @@ SPEC = ProtocolSpec(
     team_limit=TEAM_LIMIT,
     needs_sight=True,
     needs_view=True,
+    believes=Explorer.believed,
 )

@@ -121,5 +121,6 @@ SPEC = ProtocolSpec(
     measure=pseudonet.measure,
     events=EVENTS,
     decode=pseudonet.decode,
+    believes=Pseudonet.believed,
     team_limit=pseudonet.TEAM_LIMIT,
 )

@@ -179,6 +179,11 @@ class Steering:
         """True if the robot has not arrived yet."""
         return self._goal is not None
 
+    @property
+    def goal_m(self) -> tuple[float, float] | None:
+        """The middle of the cell that it drives to; None if it stands."""
+        return self._goal
+
     def centred(self, cell: Cell, observation: Observation) -> bool:
         """Return whether the robot stands in the middle of *cell*."""
         x_m, y_m = self._grid.centre_m(cell)

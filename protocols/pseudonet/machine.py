@@ -2,6 +2,8 @@
 
 from functools import partial
 
+import numpy as np
+
 from cosim.machine import (
     Address,
     Command,
@@ -16,6 +18,7 @@ from cosim.machine import (
     drained,
 )
 from cosim.observation import Observation
+from cosim.protocol import Belief, CellMap
 from cosim.units import Time
 from protocols.pseudonet.application import Application
 from protocols.pseudonet.bluetooth import Bluetooth
@@ -72,6 +75,16 @@ class Pseudonet:
     def finished(self) -> bool:
         """True if the task is done."""
         return self.application.finished
+
+    def believed(self) -> Belief:
+        """Return which cells it knows as covered and which as obstructed, and to which it drives, for who looks on."""
+        view, goal = self.application.coordination.view, self.application.steering.goal_m
+        grid, known = view.setup.grid, len(view.covered) + len(view.obstacles)
+        cells = np.zeros((grid.ny, grid.nx), np.int8)
+        cells.flat[list(view.covered)] = -1
+        cells.flat[list(view.obstacles)] = 1
+        covered = CellMap(cells, grid.origin_m, grid.cell_m, known) if known else None
+        return Belief(covered, () if goal is None else (goal,), goal)
 
     # ------------------------------------------------------------ inputs
 

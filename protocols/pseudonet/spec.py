@@ -186,5 +186,6 @@ SPEC = ProtocolSpec(
     measure=measure,
     events=EVENTS,
     decode=decode,
+    believes=Pseudonet.believed,
     team_limit=TEAM_LIMIT,
 )

@@ -24,6 +24,7 @@ from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Drains, GoTo, LinkEvent, Outgoing, Reception
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation, Sighting
+from cosim.protocol import Belief
 from cosim.units import MS, Time, from_seconds
 from protocols.reflection.events import BadBytes, Counters, Displaced
 from protocols.reflection.frames import CLOCK_MS, FAR_M, IN_TROUBLE, OBJECTS, Frame, decode, pack
@@ -173,6 +174,17 @@ class Reflection(Drains):
     def wake_at(self) -> Time | None:
         """Return None: there are no deadlines."""
         return None
+
+    def believed(self) -> Belief:
+        """Return where it heads and which goal it has, for who looks on.
+
+        That is the place of a promise, a ghost or a helper, or the end of a few steps by the algorithm A.
+        """
+        way = () if self._going is None else (self._going,)
+        if self.seeker is None or self.seeker.finished:
+            return Belief(way_m=way)
+        place, goal = self.seeker.place_m, None if self._objects_m is not None else self.seeker.goal_m
+        return Belief(way_m=way if place is None else (place,), goal_m=goal)
 
     # ------------------------------------------------------------ what comes in
 

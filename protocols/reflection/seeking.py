@@ -121,6 +121,11 @@ class Seeker:
         """The present goal in the own frame, metres."""
         return self._goals_m[self._number - 1]
 
+    @property
+    def place_m(self) -> Point | None:
+        """The place that it heads straight for, in the own frame; None where the algorithm A leads it."""
+        return None if self.target is ALGORITHM else self._place
+
     def arrive(self, x_m: float, y_m: float, now: Time) -> None:
         """Turn to the next goal if this one is reached or has taken too long; to be called first at a tick."""
         if self.finished:

@@ -253,4 +253,5 @@ SPEC = ProtocolSpec(
     team_limit=TEAM_LIMIT,
     needs_sight=True,
     needs_view=True,
+    believes=Reflection.believed,
 )

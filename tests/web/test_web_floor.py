@@ -261,7 +261,7 @@ def test_the_address_keeps_what_is_shown_and_a_reload_restores_it(opened: Any):
     until(page, "['t=2.25', 'kind=Marked', 'lane='].every((word) => location.hash.includes(word))")
     kept = dict(word.split("=") for word in page.evaluate("location.hash.slice(1)").split("&"))
     assert kept["robot"] == "1"
-    assert kept["layers"] == "links,frames,ranges,routes,marks,jammers,names"
+    assert kept["layers"] == "links,frames,ranges,routes,marks,jammers,names,maps,ways,estimates"
     assert (kept["trail"], kept["zoom"], kept["kind"]) == ("30", "2.744", "Marked")
     page.click("#start")
     until(page, "document.getElementById('time').textContent.startsWith('0.0')")

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 import cosim.elementary as elementary
-from cosim.arrays import Floats, Int64s
+from cosim.arrays import Bools, Floats, Int64s
 from cosim.navigation.localization.likelihood import (
     KnownMap,
     beam_scores,
@@ -44,6 +44,7 @@ from cosim.navigation.localization.motion import (
     mean_pose,
     move_particles,
     odometry_motion,
+    place_covariance,
     scatter_particles,
     turned_back,
 )
@@ -242,6 +243,11 @@ class Localizer:
             self._resample(ends)
         return self._mean
 
+    def covariance(self) -> tuple[float, float, float]:
+        """Return the covariance of the places in the heaviest cluster as the particles are now: xx, xy and yy, m^2."""
+        members, share = self._heaviest()
+        return place_covariance(self.poses[members], self.weights[members] / share)
+
     def _begin(self) -> None:
         """Make as many particles as there may be, of equal weights, and forget what was observed."""
         count = self._own.most_particles
@@ -299,18 +305,21 @@ class Localizer:
 
     def _estimated(self) -> Estimate:
         """Return mean and spread of the heaviest cluster."""
-        own = self._own
-        label = clusters(pose_bins(self.poses, own.bin_m, own.bin_headings), own.bin_headings)
-        shares = np.bincount(label, self.weights)
-        heaviest = int(np.argmax(shares))
-        share = float(shares[heaviest])
-        members = label == heaviest
+        members, share = self._heaviest()
         poses, weights = self.poses[members], self.weights[members] / share
         x, y, cos, sin, spread = mean_pose(poses, weights)
         length = min(max(math.hypot(cos, sin), 1e-300), 1.0)
         return Estimate(
             float(x), float(y), elementary.atan2(sin, cos), share, spread, math.sqrt(-2.0 * elementary.log(length))
         )
+
+    def _heaviest(self) -> tuple[Bools, float]:
+        """Return which particles are in the heaviest cluster, and their share of all weight."""
+        own = self._own
+        label = clusters(pose_bins(self.poses, own.bin_m, own.bin_headings), own.bin_headings)
+        shares = np.bincount(label, self.weights)
+        heaviest = int(np.argmax(shares))
+        return label == heaviest, float(shares[heaviest])
 
     def _resample(self, ends: Floats) -> None:
         """Resample the particles by weight, and replace some by random poses if scans fit worse than they used to."""

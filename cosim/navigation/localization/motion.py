@@ -143,6 +143,13 @@ def mean_pose(poses: Floats, weights: Floats) -> tuple[float, float, float, floa
     return x, y, cos, sin, math.sqrt(square)
 
 
+def place_covariance(poses: Floats, weights: Floats) -> tuple[float, float, float]:
+    """Return the covariance of the places of *poses* (n, 3) by *weights* (n,), whose sum is 1: xx, xy and yy, m^2."""
+    x, y = poses[:, 0], poses[:, 1]
+    dx, dy = x - float((weights * x).sum()), y - float((weights * y).sum())
+    return float((weights * dx * dx).sum()), float((weights * dx * dy).sum()), float((weights * dy * dy).sum())
+
+
 def turned_back(beams: Floats, angle_rad: float) -> Floats:
     """Return unit vectors *beams* (n, 2) turned clockwise: those of a body's heading, in the body's frame."""
     cos, sin = elementary.cos(angle_rad), elementary.sin(angle_rad)

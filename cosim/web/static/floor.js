@@ -1,6 +1,7 @@
 // The floor on a canvas: walls, base, goals, trails, robots, and frames as they fly. x to the right, y up, in metres.
 
 import { paint_hindrances, paint_label, paint_mark, paint_robot, paint_trails, radius_px } from "./bodies.js";
+import { paint_estimates, paint_ways } from "./beliefs/ways.js";
 import { paint_ground, paint_places, paint_walls } from "./ground.js";
 import { Lens } from "./lens.js";
 import { paint_frames, paint_jammers, paint_links, paint_routes, paint_searches, paint_talks } from "./radio.js";
@@ -177,6 +178,8 @@ export class Floor {
     this.painted.links = this.visible("links") ? paint_links(pen, this) : [];
     if (this.visible("links")) paint_searches(pen, this);
     if (this.visible("routes")) paint_routes(pen, this, this.selected);
+    if (this.visible("ways")) paint_ways(pen, this);
+    if (this.visible("estimates")) paint_estimates(pen, this);
     if (this.visible("marks")) for (const mark of run.seen_marks()) paint_mark(pen, this, mark);
     this.painted.frames = this.visible("frames") ? paint_frames(pen, this) : [];
     if (this.visible("jammers")) paint_jammers(pen, this);

@@ -1,7 +1,8 @@
 // What the floor shows of a run, as layers that can be switched off; the legend names those that this run has.
 
-const ALL = ["trails", "links", "frames", "ranges", "routes", "marks", "jammers", "names"];
-const AT_FIRST = new Set(ALL.filter((layer) => layer !== "ranges")); // a range is computed on request
+const ALL = ["trails", "links", "frames", "ranges", "routes", "marks", "jammers", "names", "maps", "scans", "ways", "estimates"];
+const ON_REQUEST = new Set(["ranges", "scans"]); // computed for the chosen robot
+const AT_FIRST = new Set(ALL.filter((layer) => !ON_REQUEST.has(layer)));
 const MARKS = { goal: "○ goals", ghost: "◌ ghosts", frontier: "□ frontiers", mark: "× events" };
 
 /** The layers of a floor, which are on or off, and the legend with a button for each. */
@@ -80,5 +81,9 @@ function entries_of({ scene, had }, extra) {
     marks.length && ["marks", marks.join(" "), "places that events name"],
     faults.length && ["jammers", faults.join(" "), "what faults have put on the floor"],
     scene.radios?.length && ["ranges", "◍ range", "how far the chosen robot is heard, and what walls cost"],
+    had.has("maps") && ["maps", "▦ map", "what the chosen robot knows of the floor, or else what any robot knows"],
+    scene.scanner && ["scans", "✳ scan", "what the chosen robot's range scanner reads"],
+    had.has("ways") && ["ways", "⤳ ways, ⚑ goals", "paths that robots follow, and where they want to get to"],
+    had.has("estimates") && ["estimates", "◌ estimates", "where robots take themselves to be, with ellipses that hold 95 %"],
   ].filter(Boolean);
 }

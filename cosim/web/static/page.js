@@ -1,6 +1,8 @@
 // What every page has: a run on a floor, controls of its time, and a connection that may be lost.
 
 import { Address } from "./address.js";
+import { Maps } from "./beliefs/maps.js";
+import { Scans } from "./beliefs/scans.js";
 import { Connection } from "./connection.js";
 import { Floor } from "./floor.js";
 import { Layers } from "./layers.js";
@@ -39,6 +41,9 @@ export class Page {
       lost: (why) => this.lost(why),
     });
     this.ranges = new Ranges(this.floor, (message) => this.connection.send(message));
+    this.scans = new Scans(this.floor, (message) => this.connection.send(message));
+    this.maps = new Maps(this.floor, (message) => this.connection.send(message));
+    this.asking = [this.ranges, this.maps, this.scans]; // what the server computes when it is asked for
     this.transport = new Transport(find("transport"), (message) => this.connection.send(message));
     this.fault_timer = 0;
     this.asked = false;
@@ -53,7 +58,7 @@ export class Page {
   /** Take a message, or pass it on to what this page has of its own. */
   take(message, own) {
     if (message.say === "again") this.connection.connect(); // another run has begun
-    else if (!this.ranges.take(message)) own(message);
+    else if (!this.asking.some((each) => each.take(message))) own(message);
   }
 
   /** Take the scene: the connection is new, and perhaps the run. */
@@ -62,7 +67,7 @@ export class Page {
     find("about").textContent = about.filter(Boolean).join(", ");
     this.transport.begin(scene);
     this.legend = legend;
-    this.ranges.forget();
+    for (const each of this.asking) each.forget();
     const robot = this.address.number("robot");
     this.floor.selected = robot !== null && scene.radii_m[robot] !== undefined ? robot : null;
     this.tools.restore();
@@ -96,7 +101,7 @@ export class Page {
     this.transport.show(now);
     this.layers.show(this.run, this.legend);
     this.keep_time(now);
-    this.ranges.ask();
+    for (const each of this.asking) each.ask();
     this.show_own(now);
     if (this.describing) return;
     const wait_ms = Math.max(0, this.described_ms + DESCRIBE_MS - performance.now());
@@ -110,10 +115,12 @@ export class Page {
     else if (state === "paused" || state === "ended") this.address.put("t", Number(time_s.toFixed(9)));
   }
 
-  /** What the floor shows at the present time: frames as rows, links, the number of frames up to now. */
+  /** What the floor shows at the present time: frames as rows, links, the number of frames up to now, beliefs. */
   seen() {
     const { frames, links } = this.floor.painted;
-    return structuredClone({ time_s: this.run.now?.time_s, frames, links, counts: this.run.counts });
+    const { ways, estimates } = this.run.beliefs;
+    const beliefs = { ways, estimates, map: this.maps.shown, scan: this.scans.shown };
+    return structuredClone({ time_s: this.run.now?.time_s, frames, links, counts: this.run.counts, beliefs });
   }
 
   /** Describe what the floor shows, for screen readers. */
@@ -124,7 +131,7 @@ export class Page {
     if (!now) return;
     const places = now.robots.map(([x, y], robot) => `robot ${robot} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
     find("floor").setAttribute("aria-label", `The floor at ${now.time_s.toFixed(1)} s: ${places.join("; ")}`);
-    this.table.show(this.run);
+    this.table.show(this.run, [this.maps, this.scans]);
   }
 
   show_state({ state, why }) {

@@ -24,6 +24,7 @@ export class Run {
     this.events = [];
     this.marks = new Map();
     this.doing = new Doing();
+    this.beliefs = { maps: [], ways: [], estimates: [] };
     this.frames = [];
     this.talks = [];
     this.counts = { frames: 0, lost: 0, unshown: 0, left_out: 0 };
@@ -48,6 +49,8 @@ export class Run {
     this.now = message;
     this.take_air(message);
     if (message.doing) this.doing = new Doing(message.doing);
+    Object.assign(this.beliefs, message.beliefs);
+    for (const [kind, rows] of Object.entries(this.beliefs)) if (rows.length) this.had.add(kind);
     if (this.doing.links.length) this.had.add("links");
     for (const { state } of this.doing.intervals) this.had.add(state);
     this.counts.left_out += message.left_out;

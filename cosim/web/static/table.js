@@ -1,5 +1,6 @@
-// A table of what the floor shows, for those who do not see its canvas: robots, and the frames that are in the air.
+// Tables of what the floor shows, for those who do not see its canvas: robots, frames in the air, what robots believe.
 
+import { words_of_beliefs } from "./beliefs/ways.js";
 import { standing } from "./lists.js";
 
 const MOST_FRAMES = 20;
@@ -12,19 +13,21 @@ export class Table {
     this.frames = table("floor-frames", "Frames in the air", ["type", "from", "to", "RF channel", "outcome"]);
     const root = document.createElement("div");
     root.className = "unseen";
-    root.append(this.robots, this.frames);
+    this.beliefs = table("floor-beliefs", "What robots believe and scan", ["what", "of", "in words"]);
+    root.append(this.robots, this.frames, this.beliefs);
     floor.canvas.after(root);
     floor.canvas.setAttribute("aria-details", "floor-robots");
   }
 
-  /** Show the present moment of a run. */
-  show(run) {
+  /** Show the present moment of a run; *told* have more about it in their `words`. */
+  show(run, told) {
     fill(this.robots, run.now.robots.map(([x, y, heading, down], robot) => [
       robot, x.toFixed(2), y.toFixed(2), Math.round((heading * 180) / Math.PI),
       [down && "does nothing any more", standing(run.doing, robot)].filter(Boolean).join("; "),
     ]));
     fill(this.frames, run.flying.slice(0, MOST_FRAMES).map(({ kind, source, destination, channel, outcome }) =>
       [kind, source, destination < 0 ? "all" : destination, channel < 0 ? "" : channel, outcome]));
+    fill(this.beliefs, [...told.flatMap(({ words }) => words), ...words_of_beliefs(run)]);
   }
 }
 

@@ -21,7 +21,7 @@ from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.machine import Address, Event, Outgoing, Reception
 from cosim.observation import Observation
-from cosim.protocol import Surroundings
+from cosim.protocol import Belief, Surroundings
 from cosim.units import S, Time, from_seconds
 from protocols.deployment.driving.exploring_parameters import ExploringParameters
 from protocols.deployment.driving.learned import LearnedFloor, MapLearned
@@ -195,6 +195,10 @@ class Exploring:
     def why_not(self) -> str:
         """Why no robot can explore; empty if robots can."""
         return self._ground.why_not
+
+    def believed(self) -> Belief:
+        """Return what an explorer believes, for who looks on; it knows nothing before it explores, or is told."""
+        return Belief() if self._explorer is None else self._explorer.believed()
 
     @property
     def begun(self) -> bool:

@@ -89,6 +89,15 @@ class Mover:
         """True if it drives to a place, or would if it could."""
         return self.goal_m is not None and self.state in ("driving", "stuck")
 
+    @property
+    def way_m(self) -> list[Place]:
+        """The corners of the way that it follows, from here on, past its way points; empty if it follows none."""
+        way = self._field.way(self._here) if self._field is not None and self.under_way else None
+        if way is None:
+            return []
+        after = [*self._via[1:], self.goal_m] if self._via and self._aside is None else []
+        return [*way[1:], *(place for place in after if place is not None)]
+
     def compare(self) -> None:
         """Compute from now on, for the referee, what the robot would do without the others."""
         self.twin = Twin(self._floor, self._radius_m, self._own.arrive_m)

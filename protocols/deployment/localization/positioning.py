@@ -24,7 +24,7 @@ from cosim.navigation.localization.likelihood import KnownMap, known_map
 from cosim.navigation.localization.localizer import LocalizationParameters, Localizer
 from cosim.navigation.localization.motion import Pose
 from cosim.observation import Observation, Seen, Sighting
-from cosim.protocol import Surroundings
+from cosim.protocol import PoseEstimate, Surroundings
 from cosim.randomness import Draws
 from cosim.settings import Angle, Metres, Seconds, Settings
 from cosim.units import S, Time, to_seconds
@@ -147,6 +147,10 @@ class Positioning(Protocol):
     def shift(self) -> Shift:
         """Present estimate of the shift from the robot's own frame to that of the map."""
 
+    @property
+    def estimate(self) -> PoseEstimate | None:
+        """Where the robot has been found to be on the map; None if no filter looks for it."""
+
     def resume(self, shift: Shift) -> None:
         """Begin with a shift that was kept on the robot's disk before it booted again."""
 
@@ -171,6 +175,8 @@ class ShiftedView:
 
 class Given:
     """Takes the pose as given: the truth, or odometry if that errs."""
+
+    estimate = None
 
     def __init__(self, sensor: Sensor, frame: Pose, stream: np.random.Generator | None = None) -> None:
         """Take the robot's own *frame*, as a pose in that of the map, and the *stream* of its sensor's noise."""
@@ -211,6 +217,19 @@ class Localised:
         self._settled = 1.0 - elementary.exp(-to_seconds(tick) / own.settle_s) if own.settle_s > 0.0 else 1.0
         self._told_ticks = max(1, round(_TELL_S * S / tick))
         self._ticks = 0
+        self._odometry: Pose | None = None
+        self._covariance: tuple[int, tuple[float, float, float]] | None = None
+        """That of the filter's particles, and after how many updates."""
+
+    @property
+    def estimate(self) -> PoseEstimate | None:
+        """The pose that the robot goes by, and the covariance of the filter's particles; None before the first tick."""
+        if self._odometry is None:
+            return None
+        updates = self._localizer.updates
+        if self._covariance is None or self._covariance[0] != updates:
+            self._covariance = updates, self._localizer.covariance()
+        return PoseEstimate(*self.shift.pose(self._odometry), *self._covariance[1])
 
     def resume(self, shift: Shift) -> None:
         """Begin with a shift that was kept."""
@@ -218,7 +237,7 @@ class Localised:
 
     def locate(self, observation: Observation) -> Observation:
         """Return *observation* in the frame of the map."""
-        odometry = observation[:3]
+        odometry = self._odometry = observation[:3]
         if not self._begun:
             self._begun = True
             self._localizer.start_at(self.shift.pose(odometry), self._own.start_m, self._own.start_rad)

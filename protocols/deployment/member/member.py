@@ -183,6 +183,11 @@ class Member:
         """True if the robot has nothing to do, and stands where it belongs."""
         return self._over and not self._yielding.away and self._rests
 
+    @property
+    def way_m(self) -> list[Place]:
+        """The corners of the way that it follows; empty if it follows none."""
+        return self._mover.way_m
+
     def forget_serials(self) -> None:
         """Obey any serial of this plan next: there is another host."""
         if self._order is not None:
