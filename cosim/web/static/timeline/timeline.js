@@ -125,7 +125,8 @@ export class Timeline {
     this.scroller.append(this.labels.root, this.stage);
     const keys = element("details", {}, element("summary", {}, "Keys, while the lanes have the focus"), key_list(groups));
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
-    const side = element("div", { className: "tl-side" }, this.finder.panel, legend, this.listed, keys);
+    const { chooser, listed } = this.plots;
+    const side = element("div", { className: "tl-side" }, this.finder.panel, legend, chooser, this.listed, listed, keys);
     const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller, this.plots.root);
     this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
     this.navigator = new Navigator(this.strip, this);
@@ -147,6 +148,7 @@ export class Timeline {
     this.windows.forget();
     this.finder.forget();
     this.measure.forget();
+    this.plots.forget();
     this.root.hidden = true; // until the server names lanes
   }
 
@@ -154,7 +156,7 @@ export class Timeline {
   take(message) {
     if (message.say === "lanes") this.take_lanes(message);
     else if (message.say === "box") this.finder.take_box(message);
-    else if (message.say === "rates") this.plots.take(message);
+    else if (message.say === "curves") this.plots.take(message);
     else if (message.say === "found") this.finder.take_found(message);
     else return false;
     return true;
@@ -165,7 +167,7 @@ export class Timeline {
     this.windows.take(buffer);
   }
 
-  take_lanes({ lanes, kinds, outcomes, first_ns, last_ns, peers = false }) {
+  take_lanes({ lanes, kinds, outcomes, first_ns, last_ns, peers = false, curves = [] }) {
     this.windows.peers = peers;
     this.rows.lanes = lanes;
     this.kinds.take(kinds, outcomes);
@@ -179,6 +181,8 @@ export class Timeline {
     this.lay(this.begun ? this.rows.by_channel : read("view") === "channels");
     if (!this.begun) this.restore();
     this.begun = true;
+    this.plots.take_known(curves);
+    this.plots.want();
   }
 
   /** Take the time of the run, and the robot that is selected. */
@@ -188,11 +192,15 @@ export class Timeline {
       this.selected = selected;
       this.labels.show();
       this.draw();
+      this.plots.want();
     }
     if (this.root.hidden) return;
     if (this.live) this.axis.extend(this.now_ns);
     this.axis.keep_up(this.now_ns, this.still.matches);
-    if (this.live) this.want();
+    if (this.live) {
+      this.want();
+      this.plots.want();
+    }
     this.draw_over();
   }
 
@@ -230,6 +238,7 @@ export class Timeline {
     if (!this.begun) return;
     this.scroll_px = this.scroller.scrollTop;
     this.want();
+    this.plots.want();
     this.draw();
     this.settle();
     this.finder.leave();
@@ -303,7 +312,6 @@ export class Timeline {
     clearTimeout(this.settling);
     this.settling = setTimeout(() => {
       if (!this.begun) return;
-      this.plots.ask();
       if (this.listed.open) show_listing(this.listing, this);
       const { axis, row, rows } = this;
       const all = axis.from_ns === axis.first_ns && axis.to_ns >= axis.last_ns;
@@ -317,6 +325,7 @@ export class Timeline {
     const [from_ns, span_ns] = ["from", "span"].map((name) => Math.round(Number(read(name) ?? NaN) * 1e9));
     if (from_ns >= 0 && span_ns > 0) this.axis.show(from_ns, from_ns + span_ns);
     this.row = this.rows.by_lane.get(Number(read("lane") ?? NaN)) ?? this.row;
+    this.plots.restore();
     this.labels.show();
   }
 
