@@ -6,6 +6,7 @@ The course of a metric is the mean over the part's time, with the least and the 
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -46,17 +47,17 @@ class Parts(NamedTuple):
 
     start: Time
     step: Time
-    count: int
+    number: int
 
     @property
     def edges(self) -> Array:
         """Where they begin, and the end of the last, int64, ns."""
-        return self.start + self.step * np.arange(self.count + 1, dtype=np.int64)
+        return self.start + self.step * np.arange(self.number + 1, dtype=np.int64)
 
     @property
     def end(self) -> Time:
         """The end of the last."""
-        return self.start + self.step * self.count
+        return self.start + self.step * self.number
 
 
 class Drawn(NamedTuple):
@@ -64,7 +65,7 @@ class Drawn(NamedTuple):
 
     lanes: Sequence[Lane]
     codes: Codes
-    courses: Courses = {}
+    courses: Courses = MappingProxyType({})
 
 
 def curves(drawn: Drawn) -> list[Curve]:
@@ -88,8 +89,8 @@ _POLLS: Final = Curve(
     "poll_gap",
     "poll gap",
     "ms",
-    "from one packet of a master to its slave to the next; of a robot, where it is the slave. Polls of slaves that have "
-    "nothing to say are only known if the scenario has idle_frames",
+    "from one packet of a master to its slave to the next; of a robot, where it is the slave. Polls of idle slaves are "
+    "only known if the scenario has idle_frames",
 )
 
 
@@ -132,7 +133,7 @@ def _of(lanes: Iterable[Lane], what: str) -> list[Lane]:
 
 def _counted(lanes: Iterable[Lane], parts: Parts, wanted: Callable[[Boxes], Array] | None = None) -> Values:
     edges = parts.edges
-    count = np.zeros(parts.count, dtype=np.int64)
+    count = np.zeros(parts.number, dtype=np.int64)
     for lane in lanes:
         first, end = np.searchsorted(lane.boxes.starts, edges[[0, -1]])
         boxes = lane.boxes.taken(slice(first, end))
@@ -164,7 +165,7 @@ def _events(lanes: Sequence[Lane], parts: Parts, codes: Codes, code: int | None)
 def _level(lanes: Iterable[Lane], parts: Parts, code: int | None) -> Values:
     """Return how many boxes there are, those of one kind if *code* is one: exact sums of ns, divided at last."""
     edges = parts.edges - parts.start
-    lasted = np.zeros(parts.count, dtype=np.int64)
+    lasted = np.zeros(parts.number, dtype=np.int64)
     for lane in lanes:
         boxes = lane.within(parts.start, parts.end)
         if code is not None:
@@ -181,7 +182,8 @@ def _passed(instants: Array, edges: Array) -> Array:
     Sums that do not fit 64 bits wrap, and so do their differences: back.
     """
     before = np.searchsorted(instants, edges)
-    return before * edges - np.concatenate(([0], np.cumsum(instants)))[before]
+    passed: Array = before * edges - np.concatenate(([0], np.cumsum(instants)))[before]
+    return passed
 
 
 def _sending(lanes: Sequence[Lane], parts: Parts, codes: Codes, code: int | None) -> Values:
@@ -225,7 +227,7 @@ def _gaps(drawn: Drawn, lanes: Sequence[Lane], parts: Parts) -> Values:
 def _polls(boxes: Boxes, slave: int, begin: Time, window: tuple[Time, Time]) -> Array:
     """Return when packets to *slave* begin in the *window*, and the last before it, if the link was up by then."""
     least, first, end = np.searchsorted(boxes.starts, (begin, max(begin, window[0]), max(begin, window[1]))).tolist()
-    found = boxes.starts[first:end][boxes.peers[first:end] == slave]
+    found: Array = boxes.starts[first:end][boxes.peers[first:end] == slave]
     while first > least:
         block = slice(max(least, first - _BLOCK), first)
         before = boxes.starts[block][boxes.peers[block] == slave]
@@ -237,10 +239,10 @@ def _polls(boxes: Boxes, slave: int, begin: Time, window: tuple[Time, Time]) -> 
 
 def _mean(times: Array, lengths: Array, parts: Parts) -> Values:
     """Return the mean, least and greatest of *lengths*, ns, in ms, in the parts in which their *times* are."""
-    least, most = np.full(parts.count, np.inf), np.full(parts.count, -np.inf)
+    least, most = np.full(parts.number, np.inf), np.full(parts.number, -np.inf)
     at = (times - parts.start) // parts.step
-    count = np.bincount(at, minlength=parts.count)
-    total = np.zeros(parts.count, dtype=np.int64)
+    count = np.bincount(at, minlength=parts.number)
+    total = np.zeros(parts.number, dtype=np.int64)
     np.add.at(total, at, lengths)
     np.minimum.at(least, at, lengths / 1e6)
     np.maximum.at(most, at, lengths / 1e6)

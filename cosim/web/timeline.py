@@ -5,7 +5,7 @@ A page asks in JSON, times being text of decimal digits, as many readers of JSON
     {"say": "window", "number": 7, "lanes": [0, 3], "from_ns": "0", "to_ns": "1000000", "step_ns": "1024"}
     {"say": "box", "lane": 3, "row": 17}
     {"say": "find", "kind": 4, "robot": null, "lost": true, "from_ns": "0", "back": false}
-    {"say": "curves", "number": 8, "names": ["lost"], "robot": null, "from_ns": "0", "to_ns": "1000000", "step_ns": "1000"}
+    {"say": "curves", "number": 8, "names": ["lost"], "robot": null, "from_ns": "0", "to_ns": "1000", "step_ns": "10"}
 
 What comes next begins at ``from_ns`` or later, or before it if it is to be looked for backwards; with the lane and row
 of a present box that begins there, it comes after that, or before, by (start, lane, row). A ``number`` is given back.

@@ -66,7 +66,7 @@ def table(folder: Path, name: str) -> pd.DataFrame:
 
 def windows() -> Iterator[tuple[int, int]]:
     """Yield from when to when each part is."""
-    for part in range(PARTS.count):
+    for part in range(PARTS.number):
         yield PARTS.start + part * PARTS.step, PARTS.start + (part + 1) * PARTS.step
 
 
