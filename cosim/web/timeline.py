@@ -29,7 +29,7 @@ from pydantic import Field
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
-from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, Codes
+from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, PICONET, Codes
 from cosim.timeline.curves import Drawn, Parts, curves, values
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
 from cosim.timeline.gathering import lost_codes, span_of
@@ -55,6 +55,8 @@ _WINDOW: Final = 1
 _HEADER: Final = struct.Struct("<IIIIqq")
 _BLOCK: Final = struct.Struct("<IIII")
 _BOXES, _CELLS = 0, 1
+_TWICE: Final = (PICONET, CHANNEL)
+"""Lanes of what other lanes have as well."""
 
 Nanoseconds: TypeAlias = Annotated[str, Field(pattern=r"^-?[0-9]{1,18}$")]
 Number: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 32)]
@@ -185,7 +187,7 @@ class Answers:
         wanted = Wanted(asked.kind, asked.robot, asked.lost)
         present = None if asked.lane is None or asked.row is None else (asked.lane, asked.row)
         if asked.lanes is None:
-            lanes = [(number, lane) for number, lane in enumerate(self._lanes) if lane.named.what != CHANNEL]
+            lanes = [(number, lane) for number, lane in enumerate(self._lanes) if lane.named.what not in _TWICE]
         else:
             lanes = [(number, self._lane(number)) for number in sorted(set(asked.lanes))]
         found = find(lanes, wanted, int(asked.from_ns), asked.back, self._lost, present)

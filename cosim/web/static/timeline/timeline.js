@@ -177,6 +177,7 @@ export class Timeline {
     if (this.legend.childElementCount === 0 || this.kinds.fresh) this.show_legend();
     if (this.begun) this.axis.extend(Number(last_ns));
     else this.axis.begin(Number(first_ns), Number(last_ns), this.live);
+    this.rows.piconets = read("piconets") !== "no";
     this.resize();
     this.lay(this.begun ? this.rows.by_channel : read("view") === "channels");
     if (!this.begun) this.restore();
@@ -385,6 +386,18 @@ export class Timeline {
   stretch() {
     this.split.toggle();
     this.controls.show();
+  }
+
+  /** Show the strips of piconets, or hide them. */
+  show_piconets() {
+    const { rows } = this;
+    if (!rows.has_piconets) {
+      this.say("This run has no piconets.");
+      return;
+    }
+    rows.piconets = !rows.piconets;
+    write({ piconets: rows.piconets ? null : "no" });
+    this.lay(rows.by_channel);
   }
 
   /** Show the lanes of RF channels, or again those of robots. */
