@@ -23,6 +23,8 @@ STATES: Final[dict[str, str]] = {
     "link": "over a channel that only plays links: it has one to the robot peer, in this role",
     "off": "the radio is switched off",
     # of radios, Bluetooth
+    "away": "Bluetooth: belongs to the piconet of master=, itself perhaps, and is not in it: in another one, or busy "
+    "with an inquiry or a page",
     "hold": "Bluetooth: a link is on hold; slave= at its master, master= at its slave",
     "inquiry": "Bluetooth: sends the IDs of one train of an inquiry, and listens in between; train= is A or B, and "
     "word=, phase_ns=, ppm= and estimate= are what their instants and channels follow from",
@@ -35,6 +37,8 @@ STATES: Final[dict[str, str]] = {
     "link to it",
     "page_scan": "Bluetooth: listens to pages, a window a row; window= is 1 or 2 if it is interlaced",
     "park": "Bluetooth: a slave is parked; slave= at its master, master= at its slave",
+    "part_time": "Bluetooth: is in the piconet of master=, itself perhaps, only for attempt_slots= from offset_slots= in "
+    "every interval_slots=, on a clock that shows phase_ns= at time 0 and drifts by ppm=",
     "slave": "Bluetooth: has a link to its master=, as lt_addr=",
     "sniff": "Bluetooth: a link is in sniff mode, for attempt_slots= from offset_slots= in every interval_slots= on "
     "the master's clock; slave= at its master, master= at its slave",

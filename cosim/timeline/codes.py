@@ -50,6 +50,7 @@ _GROUPS: Final = {
     EVENT: dict[str, str](),
 }
 CHANNEL: Final = "channel"
+PICONET: Final = "piconet"
 RECEIVED: Final = "received"
 CUT: Final = "cut"
 """The outcome of a transmission whose sender fell silent before its end."""
@@ -121,9 +122,10 @@ class Named(NamedTuple):
     radio: int
     """-1 for the robot itself."""
     what: str
-    """states, busy, NAV, sent, received, broadcasts, messages, events or channel"""
+    """states, busy, NAV, sent, received, broadcasts, messages, events, piconet or channel"""
     row: int = 0
-    """Which of several of one kind, whose boxes would overlap in one."""
+    """Which of several of one kind, whose boxes would overlap in one; of a piconet, whose master is the robot: the
+    member that it is about."""
     several: bool = False
     """Whether robots have several radios."""
     channel: int = NOWHERE
@@ -134,6 +136,9 @@ class Named(NamedTuple):
         """What people call it."""
         if self.channel != NOWHERE:
             return f"channel {self.channel}" + (f", radio {self.radio}" if self.several else "")
+        if self.what == PICONET:
+            radio = f", radio {self.radio}" if self.several else ""
+            return f"piconet of robot {self.robot}{radio}: robot {self.row}"
         if self.robot < 0:
             return "jammers and walls" + (f" {self.row + 1}" if self.row else "")
         who = f"robot {self.robot}"
@@ -142,10 +147,11 @@ class Named(NamedTuple):
         return f"{who}{radio}: {what}" + (f" {self.row + 1}" if self.row else "")
 
     @property
-    def place(self) -> tuple[int, bool, int, int, int, int]:
-        """Its place from top to bottom: robots in order, hosts first, then jammers, then channels."""
-        return self.channel, self.robot < 0, self.robot, self.radio, ORDER.index(self.what), self.row
+    def place(self) -> tuple[int, bool, bool, int, int, int, int]:
+        """Its place from top to bottom: robots in order, hosts first, then jammers, piconets and channels."""
+        of_robot = self.robot, self.radio, ORDER.index(self.what), self.row
+        return self.channel, self.what == PICONET, self.robot < 0, *of_robot
 
 
-ORDER: Final = ("states", BUSY, NAV, "sent", "received", "broadcasts", "messages", "events", CHANNEL)
+ORDER: Final = ("states", BUSY, NAV, "sent", "received", "broadcasts", "messages", "events", PICONET, CHANNEL)
 """What lanes there are, from top to bottom."""

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.timeline.codes import CHANNEL, Codes
+from cosim.timeline.codes import CHANNEL, PICONET, Codes
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import levels_of
 from cosim.timeline.rows import SOURCES, Maker, all_of, by_time, distinct, in_order, lane_name
@@ -20,6 +20,7 @@ TABLE_OF: Final = {
     "broadcasts": "frames",
     "messages": "messages",
     "events": "events",
+    PICONET: "intervals",
     CHANNEL: "transmissions",
 }
 """The table that the rows of a lane's boxes belong to."""

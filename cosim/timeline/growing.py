@@ -13,12 +13,12 @@ import numpy as np
 
 from cosim.errors import UserError
 from cosim.intervals import Interval
-from cosim.timeline.codes import STATE, Codes
+from cosim.timeline.codes import PICONET, STATE, Codes
 from cosim.timeline.detail import Row
 from cosim.timeline.gathering import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.lanes import DTYPES, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
-from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, partner
+from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
 from cosim.trace import FRAMES, INTERVALS, Field, Table
 from cosim.units import S, Time
 
@@ -124,6 +124,11 @@ class GrowingLane(Lane):
         if self.levels is not None and int(self.boxes.starts[self.levels.summed - 1]) >= time:
             self.levels = None
 
+    def show(self, box: tuple[int, ...]) -> None:
+        """Have a box that has not ended, too."""
+        more = Boxes(*(np.array([value], dtype=dtype) for value, dtype in zip(box, DTYPES, strict=True)))
+        self.under_way = Boxes(*(np.concatenate(pair) for pair in zip(self.under_way, more, strict=True)))
+
     def sum_up(self, codes: Codes) -> None:
         """Make levels anew if there are many boxes that are in none."""
         count = len(self.boxes.starts)
@@ -228,11 +233,12 @@ class Growing:
         for at, each in enumerate(self._open):
             key = each.robot, each.radio
             which = self._maker.stacks.hold(_identity(each), key, each.start)
-            lane = self._lane("states", (*key, which))
             kind = self.codes.kind(STATE, each.state)
-            box = each.start, max(self.now, each.start), kind, 0, _OPEN + at, partner(each.state, each.detail)
-            more = Boxes(*(np.array([value], dtype=dtype) for value, dtype in zip(box, DTYPES, strict=True)))
-            lane.under_way = Boxes(*(np.concatenate(pair) for pair in zip(lane.under_way, more, strict=True)))
+            box = each.start, max(self.now, each.start), kind, 0, _OPEN + at
+            self._lane("states", (*key, which)).show((*box, partner(each.state, each.detail)))
+            master = master_of(each.state, each.detail)
+            if master >= 0:
+                self._lane(PICONET, (master, each.radio, each.robot)).show((*box, each.robot))
 
     def _forget(self) -> None:
         """Forget a quarter of the rows of each table, and their boxes."""

@@ -31,7 +31,7 @@ FOLDER: Final = "timeline"
 FILE: Final = "index.json"
 _HEADER_BYTES: Final = 128
 """Length of a .npy file without content, which cannot be mapped."""
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Changes whenever what is written would be misread."""
 Told = Callable[[int, int], None]
 """(what is done, all there is to do): what shows progress."""

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cosim.intervals import HOST
-from cosim.timeline.codes import CHANNEL, CUT, EVENT, FRAME, MESSAGE, STATE, Codes, Named
+from cosim.timeline.codes import CHANNEL, CUT, EVENT, FRAME, MESSAGE, PICONET, STATE, Codes, Named
 from cosim.timeline.lanes import Array, Boxes
 from cosim.trace import FRAMES, INTERVALS, MESSAGES, TRANSMISSIONS, Trace
 from cosim.units import Time
@@ -23,9 +23,12 @@ SOURCES: Final[dict[str, tuple[str, ...]]] = {
 }
 """Tables whose rows are boxes, in the order in which they are to be read, with the columns that tell which."""
 RADIO: Final = "radio"
-PICONET: Final = ("master", "slave")
+LINKED: Final = ("master", "slave")
 """States of a link in a piconet, whose boxes have the robot at its other end as their peer."""
+MEMBER: Final = ("slave", "hold", "sniff", "park", "away", "part_time")
+"""States of a member of a piconet whose detail names its master, for the lanes of piconets."""
 _PARTNER: Final = re.compile(r"\b(?:master|slave)=([0-9]+)")
+_MASTER: Final = re.compile(r"\bmaster=([0-9]+)")
 MOST_STACKED: Final = 16
 """Lanes of overlapping boxes of one kind; the last one takes all that have no place in the others."""
 
@@ -216,7 +219,8 @@ class Maker:
             ]  # fmt: skip
         kinds, rows = self._kinds(STATE, columns["state"]), _numbers(first, starts)
         boxes = Boxes(starts, ends, kinds, _zeros(starts), rows, _partners(columns["state"], columns["detail"]))
-        return [Made("states", robots, radios, np.array(stacked, dtype=np.int64), boxes)]
+        made = Made("states", robots, radios, np.array(stacked, dtype=np.int64), boxes)
+        return [made, _in_piconets(columns, boxes)]
 
     def _messages(self, columns: Mapping[str, Any], first: int) -> list[Made]:
         times = columns["time_ns"]
@@ -245,6 +249,26 @@ def _on_channels(columns: Mapping[str, Any], radios: Array, boxes: Boxes, mask: 
     return Made(CHANNEL, nobody[there], radios[there], channels[there], boxes.taken(there))
 
 
+def _in_piconets(columns: Mapping[str, Any], boxes: Boxes) -> Made:
+    """Return the boxes of members of piconets, by master and member."""
+    states, words = columns["state"]
+    details, texts = columns["detail"]
+    there = np.flatnonzero(_lut([word in MEMBER for word in words], bool)[states])
+    masters = [
+        master_of(words[state], texts[detail]) for state, detail in zip(states[there], details[there], strict=True)
+    ]
+    found = np.array(masters, dtype=np.int64)
+    there, found = there[found >= 0], found[found >= 0]
+    members = columns["robot"][there]
+    return Made(PICONET, found, columns["radio"][there], members, boxes.taken(there)._replace(peers=peers_of(members)))
+
+
+def master_of(state: str, detail: str) -> int:
+    """Return the master of the piconet to whose member an interval belongs that is in that *state*; -1 if it is none."""
+    found = _MASTER.search(detail) if state in MEMBER else None
+    return int(found[1]) if found else -1
+
+
 def _lut(codes: Sequence[int], dtype: Any) -> Array:
     return np.array(codes or [0], dtype=dtype)
 
@@ -256,13 +280,13 @@ def peers_of(robots: Array) -> Array:
 
 def partner(state: str, detail: str) -> int:
     """Return the robot at the other end of a piconet's link, which is in that *state*; -1 for other states."""
-    found = _PARTNER.search(detail) if state in PICONET else None
+    found = _PARTNER.search(detail) if state in LINKED else None
     return int(found[1]) if found else -1
 
 
 def _partners(states: tuple[Array, Sequence[str]], details: tuple[Array, Sequence[str]]) -> Array:
     (state_codes, state_words), (codes, words) = states, details
-    linked = np.flatnonzero(_lut([word in PICONET for word in state_words], bool)[state_codes])
+    linked = np.flatnonzero(_lut([word in LINKED for word in state_words], bool)[state_codes])
     found = _nobody(codes)
     for at, state, detail in zip(linked.tolist(), state_codes[linked].tolist(), codes[linked].tolist(), strict=True):
         found[at] = partner(state_words[state], words[detail])

@@ -5,7 +5,7 @@ A page asks in JSON, times being text of decimal digits, as many readers of JSON
     {"say": "window", "number": 7, "lanes": [0, 3], "from_ns": "0", "to_ns": "1000000", "step_ns": "1024"}
     {"say": "box", "lane": 3, "row": 17}
     {"say": "find", "kind": 4, "robot": null, "lost": true, "from_ns": "0", "back": false}
-    {"say": "rates", "number": 8, "from_ns": "0", "to_ns": "1000000", "step_ns": "1000"}
+    {"say": "curves", "number": 8, "names": ["lost"], "robot": null, "from_ns": "0", "to_ns": "1000", "step_ns": "10"}
 
 What comes next begins at ``from_ns`` or later, or before it if it is to be looked for backwards; with the lane and row
 of a present box that begins there, it comes after that, or before, by (start, lane, row). A ``number`` is given back.
@@ -29,14 +29,14 @@ from pydantic import Field
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
-from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, Codes
+from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, PICONET, Codes
+from cosim.timeline.curves import Drawn, Parts, curves, values
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
 from cosim.timeline.gathering import lost_codes, span_of
 from cosim.timeline.growing import Growing, Rows
 from cosim.timeline.index import Files, Index
-from cosim.timeline.lanes import Boxes, Lane
+from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import Cells
-from cosim.timeline.rates import rates
 from cosim.timeline.search import Place, Wanted, find
 from cosim.timeline.window import Window, window
 from cosim.trace import Table
@@ -47,12 +47,16 @@ MOST_LANES: Final = 200
 MOST_CELLS: Final = 8192
 """Maximum number of cells in a lane that a page may ask for."""
 MOST_PARTS: Final = 2048
-"""Maximum number of parts of a window for which a page may ask for rates."""
+"""Maximum number of parts of a window for which a page may ask for curves."""
+MOST_CURVES: Final = 12
+"""Maximum number of curves that a page may ask for at once."""
 _LATEST: Final = 1 << 62
 _WINDOW: Final = 1
 _HEADER: Final = struct.Struct("<IIIIqq")
 _BLOCK: Final = struct.Struct("<IIII")
 _BOXES, _CELLS = 0, 1
+_TWICE: Final = (PICONET, CHANNEL)
+"""Lanes of what other lanes have as well."""
 
 Nanoseconds: TypeAlias = Annotated[str, Field(pattern=r"^-?[0-9]{1,18}$")]
 Number: TypeAlias = Annotated[int, Field(ge=0, lt=1 << 32)]
@@ -96,17 +100,19 @@ class AskNext(Settings):
     lanes: Annotated[list[LaneNumber], Field(max_length=MOST_LANES)] | None = None
 
 
-class AskRates(Settings):
-    """Ask how much is delivered and lost in parts of a window of time."""
+class AskCurves(Settings):
+    """Ask for curves in parts of a window of time: those of the team, or of a robot."""
 
-    say: Literal["rates"]
+    say: Literal["curves"]
     number: Number
+    names: Annotated[list[Annotated[str, Field(max_length=100)]], Field(max_length=MOST_CURVES)]
+    robot: Annotated[int, Field(ge=0, lt=1 << 31)] | None = None
     from_ns: Nanoseconds
     to_ns: Nanoseconds
     step_ns: Nanoseconds
 
 
-Question: TypeAlias = AskWindow | AskBox | AskNext | AskRates
+Question: TypeAlias = AskWindow | AskBox | AskNext | AskCurves
 """What a page may ask a timeline."""
 Known: TypeAlias = tuple[int, ...]
 """What a page knows of the lanes: their number, and those of kinds and outcomes, and what has been forgotten."""
@@ -127,7 +133,7 @@ class Answers:
 
     def __init__(self, lanes: Sequence[Lane], codes: Codes, tables: Tables, decode: Decode | None = None) -> None:
         self._lanes = lanes
-        self._codes = codes
+        self._drawn = Drawn(lanes, codes)
         self._lost = lost_codes(codes)
         self._tables = tables
         self._decode = decode
@@ -139,8 +145,8 @@ class Answers:
                 return self._window(question)
             case AskBox():
                 return self._box(question)
-            case AskRates():
-                return self._rates(question)
+            case AskCurves():
+                return self._curves(question)
             case _:
                 return self._next(question)
 
@@ -164,19 +170,24 @@ class Answers:
         about["receptions"] = [plain(each) for each in about["receptions"]]
         return {"say": "box"} | self._shown(Place(start, asked.lane, asked.row)) | about | _numbered(asked)
 
-    def _rates(self, asked: AskRates) -> Row:
+    def _curves(self, asked: AskCurves) -> Row:
         start, end, step = int(asked.from_ns), int(asked.to_ns), int(asked.step_ns)
-        if step < 1 or not start <= end <= start + MOST_PARTS * step:
-            raise UserError(f"rates: expected from_ns <= to_ns, and a step_ns that makes at most {MOST_PARTS} parts")
-        found = rates(self._lanes, start, step, -(-(end - start) // step), self._lost)
-        counts = {name: counted.tolist() for name, counted in found._asdict().items()}
-        return {"say": "rates", "number": asked.number, "from_ns": str(start), "step_ns": str(step)} | counts
+        if step < 1 or not start < end <= start + MOST_PARTS * step:
+            raise UserError(f"curves: expected from_ns < to_ns, and a step_ns that makes at most {MOST_PARTS} parts")
+        parts = Parts(start, step, -(-(end - start) // step))
+        told = []
+        for name in asked.names:
+            found = values(name, self._drawn, parts, asked.robot)
+            if found is not None:
+                told.append({"name": name} | {key: _numbers(column) for key, column in found._asdict().items()})
+        words = {"from_ns": str(start), "step_ns": str(step), "robot": asked.robot}
+        return {"say": "curves", "number": asked.number} | words | {"curves": told}
 
     def _next(self, asked: AskNext) -> Row:
         wanted = Wanted(asked.kind, asked.robot, asked.lost)
         present = None if asked.lane is None or asked.row is None else (asked.lane, asked.row)
         if asked.lanes is None:
-            lanes = [(number, lane) for number, lane in enumerate(self._lanes) if lane.named.what != CHANNEL]
+            lanes = [(number, lane) for number, lane in enumerate(self._lanes) if lane.named.what not in _TWICE]
         else:
             lanes = [(number, self._lane(number)) for number in sorted(set(asked.lanes))]
         found = find(lanes, wanted, int(asked.from_ns), asked.back, self._lost, present)
@@ -265,6 +276,11 @@ def _numbered(asked: AskBox | AskNext) -> Row:
     return {} if asked.number is None else {"number": asked.number}
 
 
+def _numbers(column: Array | None) -> list[float | None] | None:
+    """Return a column of a curve as plain data, None for what it has not."""
+    return None if column is None else [None if value != value else value for value in column.tolist()]
+
+
 def lanes_message(lanes: Sequence[Lane], codes: Codes, first: Time, last: Time, forgotten: int = 0) -> Row:
     """Return the message ``lanes``: what lanes, kinds and outcomes there are, lanes from top to bottom."""
     numbers = sorted(range(len(lanes)), key=lambda number: lanes[number].named.place)
@@ -281,7 +297,8 @@ def lanes_message(lanes: Sequence[Lane], codes: Codes, first: Time, last: Time, 
         for number in numbers
         for named in (lanes[number].named,)
     ]
-    span: Row = {"peers": True, "first_ns": str(first), "last_ns": str(last), "forgotten": forgotten}
+    there = [each._asdict() for each in curves(Drawn(lanes, codes))]
+    span: Row = {"curves": there, "peers": True, "first_ns": str(first), "last_ns": str(last), "forgotten": forgotten}
     return {"say": "lanes", "lanes": told} | codes.plain | span
 
 

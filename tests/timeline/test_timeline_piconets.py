@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from cosim.channels.bluetooth.links import Memberships
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.links import Memberships, Presence
 from cosim.intervals import Interval, Intervals
 from cosim.timeline.growing import Growing
 from cosim.timeline.index import opened
@@ -20,6 +21,8 @@ def made() -> tuple[Trace, list[Interval]]:
     for slave in SLAVES:
         for device in (slave, MASTER):
             links.begin(device, slave, 1, 100 * slave)
+    links.change_presence(15, Presence(here=False), 2000)
+    links.change_presence(15, Presence(True, 192, 0, 64, NativeClock(77)), 2500)
     intervals.add(3, 10, 20, "page_response", "role=slave peer=12")
     intervals.add(MASTER, 5, 9, "inquiry", "train=A")
     for device in (MASTER, 3):
@@ -28,18 +31,32 @@ def made() -> tuple[Trace, list[Interval]]:
 
 
 def peers(lanes: list[Lane], kinds: list[tuple[str, str]]) -> set[tuple[int, str, int, int]]:
-    """Return robot, state, start and peer of all boxes."""
+    """Return robot, state, start and peer of the boxes of robots."""
     return {
         (lane.named.robot, kinds[kind][1], start, peer)
         for lane in lanes
+        if lane.named.what == "states"
         for boxes in (lane.boxes, lane.under_way)
         for start, kind, peer in zip(boxes.starts.tolist(), boxes.kinds.tolist(), boxes.peers.tolist(), strict=True)
     }
 
 
-OTHERS = {(3, "page_response", 10, -1), (MASTER, "inquiry", 5, -1)}
+def members(lanes: list[Lane], kinds: list[tuple[str, str]]) -> set[tuple[int, int, str, int, int]]:
+    """Return master, member, state, start and end of the boxes of piconets."""
+    return {
+        (lane.named.robot, lane.named.row, kinds[kind][1], start, end)
+        for lane in lanes
+        for boxes in (lane.boxes, lane.under_way)
+        for start, end, kind in zip(boxes.starts.tolist(), boxes.ends.tolist(), boxes.kinds.tolist(), strict=True)
+        if lane.named.what == "piconet"
+    }
+
+
+OTHERS = {(3, "page_response", 10, -1), (MASTER, "inquiry", 5, -1), (15, "away", 2000, -1)}
 OVER = {(MASTER, "master", 300, 3), (3, "slave", 300, MASTER)}
-UNDER_WAY = {(MASTER, "master", 1500, 15), (15, "slave", 1500, MASTER)}
+UNDER_WAY = {(MASTER, "master", 1500, 15), (15, "slave", 1500, MASTER), (15, "part_time", 2500, -1)}
+MEMBERS_OVER = {(MASTER, 3, "slave", 300, 5000), (MASTER, 15, "away", 2000, 2500)}
+MEMBERS_UNDER_WAY = {(MASTER, 15, "slave", 1500, 7000), (MASTER, 15, "part_time", 2500, 7000)}
 
 
 def test_a_recorded_link_has_the_other_robot_as_its_peer(tmp_path: Path) -> None:
@@ -47,6 +64,9 @@ def test_a_recorded_link_has_the_other_robot_as_its_peer(tmp_path: Path) -> None
     for _ in range(2):  # made, then mapped
         index = opened(tmp_path)
         assert peers(index.lanes, index.codes.kinds) == OTHERS | OVER
+        assert members(index.lanes, index.codes.kinds) == MEMBERS_OVER
+    last = index.lanes[-1].named  # below the robots
+    assert (last.what, last.name) == ("piconet", "piconet of robot 12: robot 15")
 
 
 def test_a_link_that_is_under_way_has_one_too() -> None:
@@ -55,3 +75,18 @@ def test_a_link_that_is_under_way_has_one_too() -> None:
     columns = trace.columns(INTERVALS.name)
     growing.take({INTERVALS.name: list(zip(*columns.values(), strict=True))}, under_way, 7000)
     assert peers(growing.lanes, growing.codes.kinds) == OTHERS | OVER | UNDER_WAY
+    assert members(growing.lanes, growing.codes.kinds) == MEMBERS_OVER | MEMBERS_UNDER_WAY
+
+
+def test_an_absence_ends_with_the_membership_and_begins_with_the_next_one() -> None:
+    trace = Trace([INTERVALS])
+    links = Memberships(MASTER, Intervals(trace))
+    links.change_presence(3, Presence(here=False), 50)  # no member yet: nothing is told
+    for begin, end in ((100, 200), (300, 400)):
+        links.begin(3, 3, 1, begin)
+        links.end(3, 3, end)
+    rows = zip(
+        *(trace.columns(INTERVALS.name)[name] for name in ("start_ns", "end_ns", "state", "detail")), strict=True
+    )
+    away = [(start, end, detail) for start, end, state, detail in rows if state == "away"]
+    assert away == [(100, 200, "master=12"), (300, 400, "master=12")]

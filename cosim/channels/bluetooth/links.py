@@ -75,12 +75,48 @@ class Memberships:
         self._intervals = Intervals(Trace()) if intervals is None else intervals
         self._open: dict[tuple[Address, Address], dict[str, str]] = {}
         """Details by state of what each side of a link is in; a side is (device, slave)."""
+        self._absent: dict[Address, tuple[str, str]] = {}
+        """State and detail of the devices that are not there all the time, members or not."""
 
     def begin(self, device: Address, slave: Address, lt_addr: int, now: Time) -> None:
         """Note that *device*, the master or the *slave*, takes the link between them to be up."""
         if self._intervals.wanted:
             state = "master" if device == self._master else "slave"
             self._enter(device, slave, state, f"lt_addr={lt_addr}", now)
+            if device in self._absent:
+                self._intervals.begin(device, self._absent[device][0], now, self._absent[device][1])
+
+    def change_presence(self, device: Address, presence: Presence, now: Time) -> None:
+        """Note when *device*, the master or a slave, is there."""
+        if not self._intervals.wanted:
+            return
+        absent = self._absence(presence)
+        if absent == self._absent.get(device):
+            return
+        self._attend(device, now)
+        self._absent.pop(device, None)
+        if absent is not None:
+            self._absent[device] = absent
+            if self._is_member(device):
+                self._intervals.begin(device, absent[0], now, absent[1])
+
+    def _absence(self, presence: Presence) -> tuple[str, str] | None:
+        """Return the state of a device that is not there all the time, and its detail; None for one that is."""
+        if not presence.here:
+            return "away", f"master={self._master}"
+        if not presence.period:
+            return None
+        period, first, length = (ticks // 2 for ticks in (presence.period, presence.first, presence.length))
+        parts = f"interval_slots={period} offset_slots={first} attempt_slots={length}"
+        return "part_time", f"master={self._master} {parts} phase_ns={presence.clock.phase} ppm={presence.clock.ppm}"
+
+    def _attend(self, device: Address, now: Time) -> None:
+        """End the absence of *device*."""
+        if device in self._absent:
+            self._intervals.end(device, self._absent[device][0], now, self._absent[device][1])
+
+    def _is_member(self, device: Address) -> bool:
+        return any(of == device and states for (of, _), states in self._open.items())
 
     def change_mode(self, slave: Address, mode: Mode, now: Time, more: str = "") -> None:
         """Note that the link to *slave* is in *mode* on both sides; *more* tells about the mode."""
@@ -100,6 +136,8 @@ class Memberships:
         """Note that *device* does not take *slave*, or itself, for a member any more."""
         for state in list(self._open.get((device, slave), ())):
             self._leave(device, slave, state, now)
+        if not self._is_member(device):
+            self._attend(device, now)
 
     def _enter(self, device: Address, slave: Address, state: str, more: str, now: Time) -> None:
         detail = self._detail(device, slave, more)
@@ -181,8 +219,9 @@ class Links:
             del self.lt_addr[self.slaves.pop(k)]
             self.note_shares()
 
-    def set_presence(self, device: Address, presence: Presence) -> None:
-        """Note when *device*, the master or a slave, is there."""
+    def set_presence(self, device: Address, presence: Presence, now: Time) -> None:
+        """Note when *device*, the master or a slave, is there from *now* on."""
+        self.memberships.change_presence(device, presence, now)
         k = 0 if device == self.master else self.lt_addr[device]
         table, clock = self.table, presence.clock
         table[HERE, k] = presence.here

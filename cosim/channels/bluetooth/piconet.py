@@ -202,7 +202,7 @@ class Piconet:
         self.advance(self._kernel.now)
         parked = self._parking.number(device)
         if parked is None:
-            self.links.set_presence(device, presence)
+            self.links.set_presence(device, presence, self._kernel.now)
         else:
             self._parking.members[parked].presence = presence
         self._air.changed(self._kernel.now)

@@ -37,6 +37,8 @@ export function commands(timeline) {
       ["cursors-off", "✕", "No cursors", ["x"], () => measure.clear()],
       ["go", "go", "Have the run at this time", ["t"], () => timeline.go()],
       ["channels", "channels", "By RF channel", ["c"], () => timeline.show_channels(), () => timeline.rows.by_channel],
+      ["piconets", "piconets", "Strips of the piconets", ["b"], () => timeline.show_piconets(), () => timeline.rows.piconets],
+      ["curves", "curves", "Curves under the lanes", ["v"], () => timeline.plots.toggle(), () => timeline.plots.shown],
       ["tall", "tall", "Most of the page for the timeline", ["g"], () => timeline.stretch(), () => timeline.split.tall],
     ],
   ];

@@ -5,6 +5,7 @@ import { box_at, ends, mates } from "./boxes.js";
 import { element } from "./dom.js";
 import { show_box } from "./inspector.js";
 import { sentence } from "./kinds.js";
+import { owner } from "./rows.js";
 import { sent, told } from "./wire.js";
 
 const NEAR_PX = 5; // the pointer, as near to a box as this, is at the box
@@ -68,7 +69,7 @@ export class Finder {
     if (!box) return;
     const { lane } = timeline.rows.by_lane.get(box.lane);
     const { name = "", part = "", lost = false } = timeline.kinds.outcomes.get(box.outcome) ?? {};
-    const own = { kind: timeline.kinds.name(box.code), what: lane.what, robot: lane.robot, channel: lane.channel ?? -1 };
+    const own = { kind: timeline.kinds.name(box.code), what: lane.what, robot: owner(lane), channel: lane.channel ?? -1 };
     tip.textContent = `${sentence({ ...box, ...ends(timeline, box, lane), ...own, outcome: name, part, lost })}; ${length(box.end_ns - box.start_ns)}`;
     const below = y - timeline.scroll_px + 16;
     tip.style.left = `${Math.max(0, Math.min(x + 12, timeline.axis.width_px - tip.offsetWidth - 4))}px`;

@@ -3,6 +3,7 @@
 import { paint_ground } from "./ground.js";
 import { hatched } from "./hatch.js";
 import { FRAME_LANES, HEARD } from "./kinds.js";
+import { paint_common, paint_member } from "./piconets.js";
 
 const MOST_RECTANGLES = 4000; // more of them take longer than a frame of the screen
 const LETTER_PX = 6.4;
@@ -36,6 +37,7 @@ export class Painter {
     const visible = rows.between(top, top + height);
     layers.forEach((answer, number) => this.paint_answer(pen, seen, visible, answer, number > 0));
     if (!rows.by_channel && axis.ns_per_px < JOIN_NS_PER_PX && this.drawn.length < MOST_JOINED) this.join(pen);
+    if (!rows.by_channel) paint_common(pen, this.kinds, axis, this.drawn);
     pen.globalCompositeOperation = "destination-over"; // what is drawn first stays on top
     paint_ground(pen, this.kinds, seen, visible);
     pen.restore();
@@ -117,7 +119,8 @@ export class Painter {
       const [y, height] = this.extent(row, block, at);
       this.drawn.push([row, answer, at, x, y, width, height]);
       pen.fillStyle = state ? kinds.state_colour(code, row.lane.robot, block.peers?.[at]) : kinds.colour(code);
-      if (state) this.paint_state(pen, x, y, width, height);
+      if (row.lane.what === "piconet") paint_member(pen, kinds, kinds.name(code), row.lane.stacked, [x, y, width, height]);
+      else if (state) this.paint_state(pen, x, y, width, height);
       else pen.fillRect(x, y, width, height);
       if (kinds.lost(block.outcomes[at])) this.paint_loss(pen, axis, block, at, x, y, width, height);
       if (width >= LEAST_WORD_PX && height >= 9) {
@@ -168,7 +171,11 @@ export class Painter {
   }
 
   paint_word(pen, row, block, at, [x, y, width, height], right, state) {
-    const name = this.kinds.name(block.codes[at]).replaceAll("_", " ");
+    const kind = this.kinds.name(block.codes[at]);
+    const member = row.lane.what === "piconet" ? row.lane.stacked : null;
+    const absent = member !== null && kind !== "slave"; // and hatched, as what is lost
+    const plain = kind.replaceAll("_", " ");
+    const name = member === null ? plain : absent ? `${member} ${plain}` : `robot ${member}`;
     const peer = block.peers?.[at];
     const arrow = row.lane.what === "sent" && peer >= 0 ? ` → ${peer}` : "";
     const left = Math.max(x, 0) + 4;
@@ -178,7 +185,7 @@ export class Painter {
     if (text.length < name.length && text.length < 3) return;
     const lost = this.kinds.lost(block.outcomes[at]);
     pen.fillStyle = state || lost ? this.kinds.paint.ink : this.kinds.paint.paper;
-    if (lost) { // on top of a hatch
+    if (lost || absent) { // on top of a hatch
       if (width < 90) return;
       pen.strokeStyle = this.kinds.paint.paper;
       pen.lineWidth = 3;

@@ -1,6 +1,6 @@
 // Where lanes stand: rows one below the other, in groups of a robot's radio, or one for each RF channel.
 
-const HEIGHTS_PX = { states: 14, busy: 9, NAV: 9, sent: 17, received: 17, broadcasts: 14, messages: 11, events: 11 };
+const HEIGHTS_PX = { states: 14, busy: 9, NAV: 9, sent: 17, received: 17, broadcasts: 14, messages: 11, events: 11, piconet: 13 };
 const FURTHER_PX = 12; // of a lane that holds what overlaps the boxes of another one
 const GAP_PX = 6;
 const LEAST_GROUP_PX = 26;
@@ -11,6 +11,7 @@ const LEAST_CHANNEL_PX = 2;
 export class Rows {
   constructor() {
     this.lanes = [];
+    this.piconets = true; // whether the strips of piconets are shown
     this.lay(false, 0);
   }
 
@@ -28,13 +29,14 @@ export class Rows {
     let y = GAP_PX / 2;
     let group = null;
     for (const lane of this.lanes) {
-      if (lane.what === "channel") continue;
-      if (!group || group.robot !== lane.robot || group.radio !== lane.radio) {
+      const strip = lane.what === "piconet";
+      if (lane.what === "channel" || (strip && !this.piconets)) continue;
+      if (!group || group.robot !== lane.robot || group.radio !== lane.radio || group.strip !== strip) {
         if (group) y = this.end(group, y);
-        group = { robot: lane.robot, radio: lane.radio, y, rows: [] };
+        group = { robot: lane.robot, radio: lane.radio, strip, y, rows: [] };
         this.groups.push(group);
       }
-      const height = lane.stacked ? FURTHER_PX : (HEIGHTS_PX[lane.what] ?? FURTHER_PX);
+      const height = lane.stacked && !strip ? FURTHER_PX : (HEIGHTS_PX[lane.what] ?? FURTHER_PX);
       const row = { lane, y, height, group };
       group.rows.push(row);
       this.rows.push(row);
@@ -75,6 +77,11 @@ export class Rows {
     return this.rows.find(fits);
   }
 
+  /** Whether there are piconets. */
+  get has_piconets() {
+    return this.lanes.some(({ what }) => what === "piconet");
+  }
+
   /** Whether there are channels to be seen. */
   get has_channels() {
     return this.lanes.some(({ what }) => what === "channel");
@@ -92,7 +99,11 @@ export class Rows {
   }
 }
 
-function named({ robot, radio }, radios) {
+/** The robot that the boxes of a lane are about. */
+export const owner = ({ what, robot, stacked }) => (what === "piconet" ? stacked : robot);
+
+function named({ robot, radio, strip }, radios) {
+  if (strip) return `piconet of ${robot}`;
   const who = robot >= 0 ? `robot ${robot}` : "jammers";
   if (radio === -1 && robot >= 0) return `${who} host`;
   return radios > 1 ? `${who} radio ${radio}` : who;

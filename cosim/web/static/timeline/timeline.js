@@ -130,7 +130,8 @@ export class Timeline {
     this.scroller.append(this.labels.root, this.stage);
     const keys = element("details", {}, element("summary", {}, "Keys, while the lanes have the focus"), key_list(groups));
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
-    const side = element("div", { className: "tl-side" }, this.finder.panel, legend, this.listed, keys);
+    const { chooser, listed } = this.plots;
+    const side = element("div", { className: "tl-side" }, this.finder.panel, legend, chooser, this.listed, listed, keys);
     const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller, this.plots.root);
     this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
     this.navigator = new Navigator(this.strip, this);
@@ -153,6 +154,7 @@ export class Timeline {
     this.windows.forget();
     this.finder.forget();
     this.measure.forget();
+    this.plots.forget();
     this.root.hidden = true; // until the server names lanes
   }
 
@@ -173,7 +175,7 @@ export class Timeline {
   take(message) {
     if (message.say === "lanes") this.take_lanes(message);
     else if (message.say === "box") this.finder.take_box(message);
-    else if (message.say === "rates") this.plots.take(message);
+    else if (message.say === "curves") this.plots.take(message);
     else if (message.say === "found") this.finder.take_found(message);
     else return false;
     return true;
@@ -184,7 +186,7 @@ export class Timeline {
     this.windows.take(buffer);
   }
 
-  take_lanes({ lanes, kinds, outcomes, first_ns, last_ns, peers = false }) {
+  take_lanes({ lanes, kinds, outcomes, first_ns, last_ns, peers = false, curves = [] }) {
     this.windows.peers = peers;
     this.rows.lanes = lanes;
     this.kinds.take(kinds, outcomes);
@@ -195,10 +197,13 @@ export class Timeline {
     if (this.begun) this.axis.extend(Number(last_ns));
     else if (this.least_ns) this.axis.begin(0, Math.max(Number(last_ns), this.least_ns), false);
     else this.axis.begin(Number(first_ns), Number(last_ns), this.live);
+    this.rows.piconets = read("piconets") !== "no";
     this.resize();
     this.lay(this.begun ? this.rows.by_channel : read("view") === "channels");
     if (!this.begun) this.restore();
     this.begun = true;
+    this.plots.take_known(curves);
+    this.plots.want();
   }
 
   /** Take the time of the run, and the robot that is selected. */
@@ -208,11 +213,15 @@ export class Timeline {
       this.selected = selected;
       this.labels.show();
       this.draw();
+      this.plots.want();
     }
     if (this.root.hidden) return;
     if (this.live) this.axis.extend(this.now_ns);
     this.axis.keep_up(this.now_ns, this.still.matches);
-    if (this.live) this.want();
+    if (this.live) {
+      this.want();
+      this.plots.want();
+    }
     this.draw_over();
   }
 
@@ -250,6 +259,7 @@ export class Timeline {
     if (!this.begun) return;
     this.scroll_px = this.scroller.scrollTop;
     this.want();
+    this.plots.want();
     this.draw();
     this.settle();
     this.finder.leave();
@@ -323,7 +333,6 @@ export class Timeline {
     clearTimeout(this.settling);
     this.settling = setTimeout(() => {
       if (!this.begun) return;
-      this.plots.ask();
       if (this.listed.open) show_listing(this.listing, this);
       const { axis, row, rows } = this;
       const all = axis.from_ns === axis.first_ns && axis.to_ns >= axis.last_ns;
@@ -337,6 +346,7 @@ export class Timeline {
     const [from_ns, span_ns] = ["from", "span"].map((name) => Math.round(Number(read(name) ?? NaN) * 1e9));
     if (from_ns >= 0 && span_ns > 0) this.axis.show(from_ns, from_ns + span_ns);
     this.row = this.rows.by_lane.get(Number(read("lane") ?? NaN)) ?? this.row;
+    this.plots.restore();
     this.labels.show();
   }
 
@@ -396,6 +406,18 @@ export class Timeline {
   stretch() {
     this.split.toggle();
     this.controls.show();
+  }
+
+  /** Show the strips of piconets, or hide them. */
+  show_piconets() {
+    const { rows } = this;
+    if (!rows.has_piconets) {
+      this.say("This run has no piconets.");
+      return;
+    }
+    rows.piconets = !rows.piconets;
+    write({ piconets: rows.piconets ? null : "no" });
+    this.lay(rows.by_channel);
   }
 
   /** Show the lanes of RF channels, or again those of robots. */

@@ -1,5 +1,7 @@
 // Messages about the timeline: binary answers as typed arrays on the bytes as they came, requests as JSON.
 
+import { owner } from "./rows.js";
+
 const WINDOW = 1;
 const BOXES = 0;
 const HEADER_BYTES = 32;
@@ -66,7 +68,7 @@ export function told(message, lane, lost) {
   return {
     kind: String(row.kind ?? row.state ?? row.event ?? lane.what),
     what: lane.what,
-    robot: lane.robot,
+    robot: owner(lane),
     source: row.source,
     peer: row.destination ?? row.sender ?? -1,
     start_ns,

@@ -1,0 +1,180 @@
+"""Curves over time against what pandas makes of the tables of a run, recorded and live; and what the page draws."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cosim.errors import UserError
+from cosim.scenario import load
+from cosim.simulation import Simulation
+from cosim.timeline.curves import Drawn, Parts, curves, values
+from cosim.timeline.growing import Growing
+from cosim.timeline.index import opened
+from cosim.trace import TABLES
+from cosim.units import MS, S
+from cosim.web.recorded import Recorded
+from cosim.web.scenes import scene_of, write_scene
+from cosim.web.timeline import AskCurves
+from tests.web.browser import Browser, pixels, tab
+from tests.web.served import Served
+
+SCENARIO = Path(__file__).parents[2] / "docs" / "pictures" / "jammer_with_afh.yaml"
+END = 9 * S
+PARTS = Parts(3_900_000_001, 170_000_003, 31)
+"""A window that begins and ends within links, calls and packets."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the trace of four robots that make a piconet, polls included, and of a jammer from 7 s on."""
+    folder = tmp_path_factory.mktemp("trace")
+    scenario = load(SCENARIO)
+    run = Simulation(scenario, 1, tuple(TABLES.values()))
+    run.begin()
+    run.advance(END)
+    run.outcome()
+    run.trace.write(folder)
+    write_scene(scene_of(scenario, run.floorplan, 1), folder)
+    return folder
+
+
+@pytest.fixture(scope="module", params=["recorded", "live"])
+def drawn(request: pytest.FixtureRequest, folder: Path) -> Drawn:
+    """Return the lanes of the run: those of its files, and those of a run whose rows come second by second."""
+    if request.param == "recorded":
+        index = opened(folder)
+        return Drawn(index.lanes, index.codes)
+    growing = Growing(TABLES.values())
+    tables = {name: pd.read_parquet(folder / f"{name}.parquet") for name in ("transmissions", "frames", "messages")}
+    tables["intervals"] = pd.read_parquet(folder / "intervals.parquet").sort_values("end_ns", kind="stable")
+    for now in range(S, END + 2 * S, S):
+        new = {}
+        for name, table in tables.items():
+            ends = table["end_ns" if name == "intervals" else "time_ns"]
+            new[name] = [tuple(row) for row in table[(ends >= now - S) & (ends < now)].itertuples(index=False)]
+        growing.take(new, [], min(now, END))
+    return Drawn(growing.lanes, growing.codes)
+
+
+def table(folder: Path, name: str) -> pd.DataFrame:
+    return pd.read_parquet(folder / f"{name}.parquet")
+
+
+def windows() -> Iterator[tuple[int, int]]:
+    """Yield from when to when each part is."""
+    for part in range(PARTS.number):
+        yield PARTS.start + part * PARTS.step, PARTS.start + (part + 1) * PARTS.step
+
+
+def per_second(times: "pd.Series[int]") -> list[float]:
+    return [float(((times >= low) & (times < high)).sum()) * 1e9 / PARTS.step for low, high in windows()]
+
+
+def lasting(starts: "pd.Series[int]", ends: "pd.Series[int]") -> list[float]:
+    """Return how much of each part the rows take, added up one by one."""
+    return [
+        sum(max(0, min(end, high) - max(start, low)) for start, end in zip(starts, ends, strict=True)) / PARTS.step
+        for low, high in windows()
+    ]
+
+
+def mean(drawn: Drawn, name: str, robot: int | None = None) -> Any:
+    found = values(name, drawn, PARTS, robot)
+    assert found is not None
+    return found.mean
+
+
+@pytest.mark.parametrize("robot", [None, 0, 2])
+def test_counts_are_the_rows_of_the_tables(drawn: Drawn, folder: Path, robot: int | None):
+    messages, frames, sent = (table(folder, name) for name in ("messages", "frames", "transmissions"))
+    lost = frames[(frames.destination >= 0) & (frames.outcome != "received")]
+    of = slice(None) if robot is None else robot
+    expected = {
+        "delivered": messages.set_index("source").time_ns,
+        "lost": lost.set_index("destination").time_ns,
+        "sent": sent.set_index("source").time_ns,
+    }
+    for name, times in expected.items():
+        rows = times if robot is None else times[times.index == of]
+        assert mean(drawn, name, robot) == pytest.approx(per_second(rows)), name
+    assert per_second(lost.time_ns)[20] > 10
+
+
+@pytest.mark.parametrize("robot", [None, 2])
+def test_levels_are_the_time_that_rows_last(drawn: Drawn, folder: Path, robot: int | None):
+    intervals, sent = table(folder, "intervals"), table(folder, "transmissions")
+    if robot is not None:
+        intervals, sent = intervals[intervals.robot == robot], sent[sent.source == robot]
+    for state in ("slave", "page", "page_scan", "inquiry_backoff"):
+        rows = intervals[intervals.state == state]
+        if f"state:{state}" in [each.name for each in curves(drawn)]:
+            assert mean(drawn, f"state:{state}", robot) == pytest.approx(lasting(rows.start_ns, rows.end_ns)), state
+    expected = lasting(sent.time_ns, sent.time_ns + sent.duration_ns)
+    assert mean(drawn, "sending", robot) == pytest.approx(expected)
+    assert max(expected) > 0.005
+
+
+@pytest.mark.parametrize("robot", [None, 1])
+def test_poll_gaps_are_those_between_packets_of_a_master_to_a_slave(drawn: Drawn, folder: Path, robot: int | None):
+    intervals, sent = table(folder, "intervals"), table(folder, "transmissions")
+    links = intervals[intervals.state == "slave"]
+    gaps: list[tuple[int, int]] = []
+    for link in links.itertuples():
+        master = int(link.detail.split()[0].removeprefix("master="))
+        to_slave = sent[(sent.source == master) & (sent.destination == link.robot)]
+        polls = to_slave.time_ns[(to_slave.time_ns >= link.start_ns) & (to_slave.time_ns < link.end_ns)].sort_values()
+        if robot is None or robot == link.robot:
+            gaps += zip(polls[1:], polls.diff()[1:] / MS, strict=True)
+    found = values("poll_gap", drawn, PARTS, robot)
+    assert found is not None
+    for part, (low, high) in enumerate(windows()):
+        here = [gap for end, gap in gaps if low <= end < high]
+        told = [column[part] for column in found]
+        if here:
+            assert told == pytest.approx([sum(here) / len(here), min(here), max(here)])
+        else:
+            assert np.isnan(told).all()
+    assert len(gaps) > 150
+    assert np.isnan(found.mean[0])  # no link yet: no gap is not a gap of 0
+
+
+@pytest.mark.parametrize("words", [("0", "-1", "1"), ("0", "10", "0"), ("0", "100000", "1")])
+def test_parts_that_cannot_be_are_told(folder: Path, words: tuple[str, str, str]):
+    asked = dict(zip(("from_ns", "to_ns", "step_ns"), words, strict=True))
+    with pytest.raises(UserError, match="curves: expected"):
+        Recorded(folder).timeline.answer(AskCurves(say="curves", number=1, names=["lost"], **asked))
+
+
+def test_what_there_is_none_of_is_left_out(folder: Path):
+    names = ["no", "state:no", "metric:no", "sent:no", "state:", "lost"]
+    asked = AskCurves(say="curves", number=7, names=names, from_ns="0", to_ns="10", step_ns="3")
+    told = Recorded(folder).timeline.answer(asked)
+    assert isinstance(told, dict)
+    assert told["number"] == 7
+    assert told["curves"] == [{"name": "lost", "mean": [0.0] * 4, "least": None, "most": None}]
+
+
+@pytest.mark.slow
+def test_curves_are_chosen_and_told(browser: Browser, folder: Path):
+    served = Served(Recorded(folder, playing=False))
+    with tab(browser, served, own=True) as page:
+        assert not page.locator(".tl-plots").is_visible()  # lanes come first where there is little room
+        page.locator(".tl-overlay").press("v")
+        page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes('lost/s')")
+        page.locator(".tl-curves button[value='state:slave']").press("Enter")
+        page.wait_for_function("() => location.hash.includes('curves=delivered')")
+        assert "curves=delivered,lost,state" in page.evaluate("decodeURIComponent(location.hash)")
+        page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes('slave')")
+        assert "0 to 3" in page.locator(".tl-values div").nth(2).inner_text()
+        page.locator("summary", has_text="Curves as a table").click()
+        page.wait_for_selector(".tl-listing th:has-text('slave')")
+        page.evaluate("document.querySelector('.tl-plots canvas').id = 'curves'")
+        assert pixels(page, "accent", "curves") > 20
+        assert pixels(page, "bad", "curves") > 20
+        lanes, drawn = (page.locator(part).bounding_box() for part in (".tl-stage", ".tl-plots canvas"))
+        assert (drawn["x"], drawn["width"]) == (pytest.approx(lanes["x"], abs=1), pytest.approx(lanes["width"], abs=1))
+    served.stop()
