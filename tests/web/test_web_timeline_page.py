@@ -420,6 +420,8 @@ def test_axe_finds_nothing(browser: Browser, served: Served, size: tuple[int, in
         settled(page)
         page.evaluate(axe())
         assert page.evaluate(GRAVE) == []
+        for part in ("aside", "#robots", "#events", ".tl-foot"):  # what has something to say has room for it
+            assert page.locator(part).bounding_box()["height"] > 15, part
         press(page, "l")
         told(page, SENTENCE)
         page.evaluate("document.querySelectorAll('.tl-side details').forEach((each) => { each.open = true })")

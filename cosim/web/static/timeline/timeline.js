@@ -125,14 +125,14 @@ export class Timeline {
     const groups = commands(this);
     this.controls = new Controls(this.bar, this.overlay, [...groups, []]);
     this.controls.keys.set("Enter", () => this.finder.enter()).set("Escape", () => this.finder.unpin());
-    this.bar.append(this.span);
     this.stage.append(this.content, this.overlay, this.finder.tip);
     this.scroller.append(this.labels.root, this.stage);
     const keys = element("details", {}, element("summary", {}, "Keys, while the lanes have the focus"), key_list(groups));
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
     const side = element("div", { className: "tl-side" }, this.finder.panel, legend, this.listed, keys);
     const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller, this.plots.root);
-    this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
+    const foot = element("div", { className: "tl-foot" }, this.span, this.status);
+    this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), foot);
     this.navigator = new Navigator(this.strip, this);
     new Gestures(this.overlay, this, false);
     new Gestures(this.ruler, this, true);
