@@ -11,6 +11,7 @@ import { Kinds } from "./kinds.js";
 import { Labels } from "./labels.js";
 import { show_legend } from "./legend.js";
 import { show_listing } from "./listing.js";
+import { Markers, paint_markers } from "./markers.js";
 import { Measure } from "./measure.js";
 import { Navigator } from "./navigator.js";
 import { has_overlay, paint_flags, paint_overlay } from "./overlay.js";
@@ -56,6 +57,7 @@ export class Timeline {
     });
     this.windows = new Windows((message) => page.send(message), () => this.draw());
     this.measure = new Measure(this);
+    this.markers = new Markers(this);
     this.finder = new Finder(this);
     this.labels = new Labels(this);
     this.plots = new Plots(this);
@@ -129,7 +131,7 @@ export class Timeline {
     this.scroller.append(this.labels.root, this.stage);
     const keys = element("details", {}, element("summary", {}, "Keys, while the lanes have the focus"), key_list(groups));
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
-    const side = element("div", { className: "tl-side" }, this.finder.panel, legend, this.listed, keys);
+    const side = element("div", { className: "tl-side" }, this.markers.root, this.finder.panel, legend, this.listed, keys);
     const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller, this.plots.root);
     const foot = element("div", { className: "tl-foot" }, this.span, this.status);
     this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), foot);
@@ -153,6 +155,7 @@ export class Timeline {
     this.windows.forget();
     this.finder.forget();
     this.measure.forget();
+    this.markers.forget();
     this.root.hidden = true; // until the server names lanes
   }
 
@@ -298,6 +301,7 @@ export class Timeline {
     }
     const ruler = this.pen(this.ruler);
     paint_ruler(ruler, { axis, kinds, height: RULER_PX, origin_ns, wifi });
+    paint_markers(ruler, this, RULER_PX);
     paint_flags(ruler, this, RULER_PX);
     this.plots.paint();
     this.navigator.paint(this.pen(this.strip), STRIP_PX);
@@ -337,7 +341,9 @@ export class Timeline {
     const [from_ns, span_ns] = ["from", "span"].map((name) => Math.round(Number(read(name) ?? NaN) * 1e9));
     if (from_ns >= 0 && span_ns > 0) this.axis.show(from_ns, from_ns + span_ns);
     this.row = this.rows.by_lane.get(Number(read("lane") ?? NaN)) ?? this.row;
+    this.markers.restore();
     this.labels.show();
+    this.draw();
   }
 
   // ------------------------------------------------------------ commands
