@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol, TypeAlias
 
 from cosim.machine import BROADCAST
-from cosim.timeline.lanes import Lane
+from cosim.timeline.lanes import Array, Lane
 from cosim.trace import FRAMES, MESSAGES, RECEPTIONS, TRANSMISSIONS
 from cosim.units import Time
 
@@ -26,6 +26,9 @@ class Tables(Protocol):
 
     def at(self, table: str, time: Time) -> Sequence[Row]:
         """Return the rows of *table* of that *time*."""
+
+    def total(self, table: str, name: str, rows: Array) -> int:
+        """Return the sum of the column *name* of *table*, of whole numbers, over the *rows* of these numbers."""
 
 
 def detail(tables: Tables, lane: Lane, number: int, decode: Decode | None = None) -> Row:

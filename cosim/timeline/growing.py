@@ -16,7 +16,7 @@ from cosim.intervals import Interval
 from cosim.timeline.codes import PICONET, STATE, Codes
 from cosim.timeline.detail import Row
 from cosim.timeline.gathering import OF_SENDERS, TABLE_OF, lost_codes
-from cosim.timeline.lanes import DTYPES, Boxes, Lane, no_boxes
+from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
 from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
 from cosim.trace import FRAMES, INTERVALS, Field, Table
@@ -51,6 +51,12 @@ class Columns:
         """Add *rows*."""
         for column, values in zip(self._columns, zip(*rows, strict=True), strict=True):
             column.extend(values)
+
+    def total(self, name: str, rows: Array) -> int:
+        """Return the sum of the column *name*, of whole numbers, over the *rows* of these numbers that are kept."""
+        there = rows[rows >= self.first].astype(np.int64) - self.first
+        column = np.array(self._columns[self.names.index(name)], dtype=np.int64)
+        return int(column[there].sum())
 
     def forget(self, count: int) -> None:
         """Forget the oldest *count* rows."""
@@ -176,6 +182,10 @@ class Growing:
     def at(self, table: str, time: Time) -> list[Row]:
         """Return the rows of *table* of that *time*."""
         return self._tables[table].at(time) if table in self._tables else []
+
+    def total(self, table: str, name: str, rows: Array) -> int:
+        """Return the sum of the column *name* of *table*, of whole numbers, over the *rows* of these numbers."""
+        return self._tables[table].total(name, rows) if table in self._tables else 0
 
     def _add(self, name: str, rows: Rows) -> None:
         table = self._tables[name]

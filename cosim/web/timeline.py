@@ -6,6 +6,7 @@ A page asks in JSON, times being text of decimal digits, as many readers of JSON
     {"say": "box", "lane": 3, "row": 17}
     {"say": "find", "kind": 4, "robot": null, "lost": true, "from_ns": "0", "back": false}
     {"say": "curves", "number": 8, "names": ["lost"], "robot": null, "from_ns": "0", "to_ns": "1000", "step_ns": "10"}
+    {"say": "region", "number": 9, "robot": 2, "from_ns": "0", "to_ns": "1000000"}
 
 What comes next begins at ``from_ns`` or later, or before it if it is to be looked for backwards; with the lane and row
 of a present box that begins there, it comes after that, or before, by (start, lane, row). A ``number`` is given back.
@@ -29,7 +30,7 @@ from pydantic import Field
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
-from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, PICONET, Codes
+from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, ORDER, PICONET, Codes
 from cosim.timeline.curves import Drawn, Parts, curves, values
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
 from cosim.timeline.gathering import lost_codes, span_of
@@ -37,9 +38,10 @@ from cosim.timeline.growing import Growing, Rows
 from cosim.timeline.index import Files, Index
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import Cells
+from cosim.timeline.region import region
 from cosim.timeline.search import Place, Wanted, find
 from cosim.timeline.window import Window, window
-from cosim.trace import Table
+from cosim.trace import FRAMES, Table
 from cosim.units import Time
 
 MOST_LANES: Final = 200
@@ -112,7 +114,17 @@ class AskCurves(Settings):
     step_ns: Nanoseconds
 
 
-Question: TypeAlias = AskWindow | AskBox | AskNext | AskCurves
+class AskRegion(Settings):
+    """Ask for sums of what lies in a part of time, of one robot or of all."""
+
+    say: Literal["region"]
+    number: Number
+    robot: Annotated[int, Field(ge=-1, lt=1 << 31)] | None = None
+    from_ns: Nanoseconds
+    to_ns: Nanoseconds
+
+
+Question: TypeAlias = AskWindow | AskBox | AskNext | AskCurves | AskRegion
 """What a page may ask a timeline."""
 Known: TypeAlias = tuple[int, ...]
 """What a page knows of the lanes: their number, and those of kinds and outcomes, and what has been forgotten."""
@@ -147,6 +159,8 @@ class Answers:
                 return self._box(question)
             case AskCurves():
                 return self._curves(question)
+            case AskRegion():
+                return self._region(question)
             case _:
                 return self._next(question)
 
@@ -182,6 +196,23 @@ class Answers:
                 told.append({"name": name} | {key: _numbers(column) for key, column in found._asdict().items()})
         words = {"from_ns": str(start), "step_ns": str(step), "robot": asked.robot}
         return {"say": "curves", "number": asked.number} | words | {"curves": told}
+
+    def _region(self, asked: AskRegion) -> Row:
+        start, end = int(asked.from_ns), int(asked.to_ns)
+        if end <= start:
+            raise UserError("region: expected from_ns < to_ns")
+        chosen = [lane for lane in self._lanes if asked.robot in (None, lane.named.robot)]
+        found = region(chosen, start, end, self._lost)
+        in_order = sorted(found.sums.items(), key=lambda item: (ORDER.index(item[0][0]), item[0][1]))
+        sums = [
+            {"what": what, "kind": kind, "count": each.number, "lost": each.lost, "time_ns": str(each.time)}
+            for (what, kind), each in in_order
+        ]
+        asked_for = {"number": asked.number, "robot": asked.robot, "from_ns": str(start), "to_ns": str(end)}
+        spans = {"first": found.first, "last": found.last}
+        ends = {name: span and [str(time) for time in span] for name, span in spans.items()}
+        received_bytes = self._tables.total(FRAMES.name, "length", found.received)
+        return {"say": "region", **asked_for, "sums": sums, **ends, "received_bytes": received_bytes}
 
     def _next(self, asked: AskNext) -> Row:
         wanted = Wanted(asked.kind, asked.robot, asked.lost)

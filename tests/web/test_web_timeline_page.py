@@ -341,6 +341,43 @@ def test_two_cursors_measure_seconds_and_slots(page: Any):
     told(page, f"from cursor 1 to 2: {24 * SLOT / S:.9f} s, 24 slots of 625 µs")
 
 
+def test_markers_have_names_and_are_in_the_address(page: Any):
+    begin = PHASE + 48 * SLOT
+    look(page, begin - 3 * SLOT, begin + 6 * SLOT)
+    [box] = [each for each in page.evaluate(f"{LINE}.boxes()") if each["start_ns"] == begin and each["what"] == "sent"]
+    page.mouse.click(*page.evaluate(f"box => {LINE}.place(box)", box))
+    page.mouse.move(0, 0)
+    press(page, "m")
+    told(page, f"marker 1 at {begin / S:.9f} s")
+    page.keyboard.type("m0| poll")  # the name has the focus: letters are no commands
+    page.keyboard.press("Enter")
+    press(page, "l")
+    told(page, SENTENCE)
+    press(page, "m")
+    page.keyboard.press("Escape")
+    assert page.locator(".tl-markers button:not(.tl-remove)").all_inner_texts() == [
+        f"{begin / S:.9f} s",
+        f"{LOST / S:.9f} s",
+    ]
+    press(page, "[")
+    told(page, f"m0  poll at {begin / S:.9f} s")
+    from_ns, to_ns, _ = window(page)
+    assert from_ns < begin < to_ns < LOST
+    page.get_by_role("button", name=f"{LOST / S:.9f} s", exact=True).click()
+    from_ns, to_ns, _ = window(page)
+    assert begin < from_ns < LOST < to_ns
+    page.wait_for_function("() => location.hash.includes('m0')")
+    address = page.url
+    page.goto("about:blank")
+    page.goto(address)
+    page.wait_for_selector("#timeline:not([hidden])")
+    names = "[...document.querySelectorAll('.tl-markers input')].map(({ value }) => value)"
+    assert page.evaluate(names) == ["m0  poll", "marker 1"]
+    page.get_by_role("button", name=f"Remove the marker at {begin / S:.9f} s").click()
+    assert page.evaluate(names) == ["marker 1"]
+    page.wait_for_function("() => !location.hash.includes('m0')")
+
+
 def test_a_hovered_frame_lights_its_robots_on_the_floor(page: Any):
     begin = PHASE + 48 * SLOT
     look(page, begin - 3 * SLOT, begin + 6 * SLOT)
@@ -420,8 +457,11 @@ def test_axe_finds_nothing(browser: Browser, served: Served, size: tuple[int, in
         settled(page)
         page.evaluate(axe())
         assert page.evaluate(GRAVE) == []
+        for part in ("aside", "#robots", "#events", ".tl-foot"):  # what has something to say has room for it
+            assert page.locator(part).bounding_box()["height"] > 15, part
         press(page, "l")
         told(page, SENTENCE)
+        press(page, "m")
         page.evaluate("document.querySelectorAll('.tl-side details').forEach((each) => { each.open = true })")
         page.wait_for_selector(".tl-listing td")
         assert page.evaluate(GRAVE) == []

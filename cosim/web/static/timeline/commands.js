@@ -7,7 +7,7 @@ const PAN = 0.2; // of the window
 
 /** The commands of a timeline: [id, sign on its button, title, keys, action, whether it is on (of a switch)] in groups. */
 export function commands(timeline) {
-  const { axis, finder, measure } = timeline;
+  const { axis, finder, markers, measure } = timeline;
   const width = () => axis.width_px;
   const at = () => finder.pointer?.[0] ?? width() / 2;
   return [
@@ -35,6 +35,9 @@ export function commands(timeline) {
       ["cursor-1", "1", "Cursor 1 here", ["1"], () => measure.put_here(0)],
       ["cursor-2", "2", "Cursor 2 here", ["2"], () => measure.put_here(1)],
       ["cursors-off", "✕", "No cursors", ["x"], () => measure.clear()],
+      ["mark", "mark", "Marker here, to be named", ["m"], () => markers.put_here()],
+      ["mark-before", "‹ mark", "Marker before", ["["], () => markers.walk(-1)],
+      ["mark-next", "mark ›", "Next marker", ["]"], () => markers.walk(1)],
       ["go", "go", "Have the run at this time", ["t"], () => timeline.go()],
       ["channels", "channels", "By RF channel", ["c"], () => timeline.show_channels(), () => timeline.rows.by_channel],
       ["piconets", "piconets", "Strips of the piconets", ["b"], () => timeline.show_piconets(), () => timeline.rows.piconets],

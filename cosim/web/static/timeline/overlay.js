@@ -5,9 +5,9 @@ import { mates } from "./boxes.js";
 const RING_PX = 2;
 
 /** Whether there is anything to draw. */
-export function has_overlay({ axis, finder, measure, now_ns, row, focused }) {
+export function has_overlay({ axis, finder, markers, measure, now_ns, row, focused }) {
   const now = now_ns !== null && now_ns >= axis.from_ns && now_ns <= axis.to_ns;
-  return Boolean(now || finder.hovered || finder.pinned || (row && focused) || measure.times.some((ns) => ns !== null));
+  return Boolean(now || markers.all.length || finder.hovered || finder.pinned || (row && focused) || measure.times.some((ns) => ns !== null));
 }
 
 /** Draw on a pen in CSS pixels, of a canvas that lies over the painter's. */
@@ -23,6 +23,7 @@ export function paint_overlay(pen, timeline) {
   for (const box of [pinned, hovered]) if (box) paint_box(pen, timeline, box, box === pinned ? paint.accent : paint.ink);
   pen.restore();
   if (now_ns !== null) line(pen, axis.place(now_ns), stage_px, paint.ink, []);
+  for (const { ns } of timeline.markers.all) line(pen, axis.place(ns), stage_px, paint.quiet, [8, 2, 2, 2]);
   times.forEach((ns, number) => {
     if (ns === null) return;
     line(pen, axis.place(ns), stage_px, paint.accent, number ? [6, 3] : [2, 3]);

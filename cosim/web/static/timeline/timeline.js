@@ -11,6 +11,7 @@ import { Kinds } from "./kinds.js";
 import { Labels } from "./labels.js";
 import { show_legend } from "./legend.js";
 import { show_listing } from "./listing.js";
+import { Markers, paint_markers } from "./markers.js";
 import { Measure } from "./measure.js";
 import { Navigator } from "./navigator.js";
 import { has_overlay, paint_flags, paint_overlay } from "./overlay.js";
@@ -56,6 +57,7 @@ export class Timeline {
     });
     this.windows = new Windows((message) => page.send(message), () => this.draw());
     this.measure = new Measure(this);
+    this.markers = new Markers(this);
     this.finder = new Finder(this);
     this.labels = new Labels(this);
     this.plots = new Plots(this);
@@ -125,15 +127,15 @@ export class Timeline {
     const groups = commands(this);
     this.controls = new Controls(this.bar, this.overlay, [...groups, []]);
     this.controls.keys.set("Enter", () => this.finder.enter()).set("Escape", () => this.finder.unpin());
-    this.bar.append(this.span);
     this.stage.append(this.content, this.overlay, this.finder.tip);
     this.scroller.append(this.labels.root, this.stage);
     const keys = element("details", {}, element("summary", {}, "Keys, while the lanes have the focus"), key_list(groups));
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
     const { chooser, listed } = this.plots;
-    const side = element("div", { className: "tl-side" }, this.finder.panel, legend, chooser, this.listed, listed, keys);
+    const side = element("div", { className: "tl-side" }, this.markers.root, this.finder.panel, legend, chooser, this.listed, listed, keys);
     const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller, this.plots.root);
-    this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), this.status);
+    const foot = element("div", { className: "tl-foot" }, this.span, this.status);
+    this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), foot);
     this.navigator = new Navigator(this.strip, this);
     new Gestures(this.overlay, this, false);
     new Gestures(this.ruler, this, true);
@@ -155,6 +157,7 @@ export class Timeline {
     this.finder.forget();
     this.measure.forget();
     this.plots.forget();
+    this.markers.forget();
     this.root.hidden = true; // until the server names lanes
   }
 
@@ -308,6 +311,7 @@ export class Timeline {
     }
     const ruler = this.pen(this.ruler);
     paint_ruler(ruler, { axis, kinds, height: RULER_PX, origin_ns, wifi });
+    paint_markers(ruler, this, RULER_PX);
     paint_flags(ruler, this, RULER_PX);
     this.plots.paint();
     this.navigator.paint(this.pen(this.strip), STRIP_PX);
@@ -347,7 +351,9 @@ export class Timeline {
     if (from_ns >= 0 && span_ns > 0) this.axis.show(from_ns, from_ns + span_ns);
     this.row = this.rows.by_lane.get(Number(read("lane") ?? NaN)) ?? this.row;
     this.plots.restore();
+    this.markers.restore();
     this.labels.show();
+    this.draw();
   }
 
   // ------------------------------------------------------------ commands
