@@ -37,8 +37,8 @@ STATES: Final[dict[str, str]] = {
     "link to it",
     "page_scan": "Bluetooth: listens to pages, a window a row; window= is 1 or 2 if it is interlaced",
     "park": "Bluetooth: a slave is parked; slave= at its master, master= at its slave",
-    "part_time": "Bluetooth: is in the piconet of master=, itself perhaps, only for attempt_slots= from offset_slots= in "
-    "every interval_slots=, on a clock that shows phase_ns= at time 0 and drifts by ppm=",
+    "part_time": "Bluetooth: is in the piconet of master=, itself perhaps, only for attempt_slots= from offset_slots= "
+    "in every interval_slots=, on a clock that shows phase_ns= at time 0 and drifts by ppm=",
     "slave": "Bluetooth: has a link to its master=, as lt_addr=",
     "sniff": "Bluetooth: a link is in sniff mode, for attempt_slots= from offset_slots= in every interval_slots= on "
     "the master's clock; slave= at its master, master= at its slave",

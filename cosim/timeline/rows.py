@@ -264,7 +264,7 @@ def _in_piconets(columns: Mapping[str, Any], boxes: Boxes) -> Made:
 
 
 def master_of(state: str, detail: str) -> int:
-    """Return the master of the piconet to whose member an interval belongs that is in that *state*; -1 if it is none."""
+    """Return the master of the piconet to whose member an interval in that *state* belongs; -1 if it is none."""
     found = _MASTER.search(detail) if state in MEMBER else None
     return int(found[1]) if found else -1
 
