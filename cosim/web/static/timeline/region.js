@@ -50,13 +50,13 @@ export class Region {
     const rows = message.sums.map(({ what, kind, count, lost, time_ns }) => {
       const lasts = Number(time_ns);
       const share = lasts ? percent(lasts / long_ns) : "–";
-      return [kinds.name(kind).replaceAll("_", " "), TITLES[what] ?? what, String(count), String(lost), lasts ? length(lasts) : "–", share];
+      return [`${kinds.name(kind).replaceAll("_", " ")}, ${TITLES[what] ?? what}`, String(count), String(lost), lasts ? length(lasts) : "–", share];
     });
     const whose = message.robot === null ? "all robots" : `robot ${message.robot}`;
     const title = `Of ${whose}, ${seconds(Number(message.from_ns), 9)} s to ${seconds(Number(message.to_ns), 9)} s`;
     this.told.replaceChildren(
       table(title, null, this.totals(message, long_ns)),
-      table("By kind: what begins there, and how long it lies there", ["kind", "what", "number", "lost", "time", "share"], rows),
+      table("By kind: what begins there, and how long it lies there", ["kind", "number", "lost", "time", "share"], rows),
     );
   }
 
@@ -82,4 +82,4 @@ export class Region {
   }
 }
 
-const percent = (share) => `${Number((100 * share).toPrecision(4))} %`;
+const percent = (share) => `${Number((100 * share).toPrecision(3))} %`;
