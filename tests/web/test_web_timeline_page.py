@@ -339,6 +339,28 @@ def test_two_cursors_measure_seconds_and_slots(page: Any):
     told(page, "POLL, robot 0 to 2")
     press(page, "2")
     told(page, f"from cursor 1 to 2: {24 * SLOT / S:.9f} s, 24 slots of 625 µs")
+    page.wait_for_selector(".tl-region td")
+    rows = [row.split("\t") for row in page.locator(".tl-region tr").all_inner_texts()]
+    assert rows[:8] == [  # a POLL, and a NULL in the next slot
+        ["length", "15 ms"],
+        ["frames sent", "2"],
+        ["air time", "252 µs, 1.68 %"],
+        ["lost on the way to one robot", "0 of 2, 0 %"],
+        ["payload received", "0 bit/s, 0 B"],
+        ["first to last frame: gap", "499 µs"],
+        ["delta of their starts", "625 µs"],
+        ["span", "751 µs"],
+    ]
+    assert ["POLL, sent", "1", "0", "126 µs", "0.84 %"] in rows
+    assert not [row for row in rows if row[0].startswith("link")]  # they begin later
+    page.get_by_role("button", name="robot 1", exact=True).first.click()
+    page.wait_for_function("() => document.querySelector('.tl-region caption').textContent.startsWith('Of robot 1,')")
+    rows = [row.split("\t") for row in page.locator(".tl-region tr").all_inner_texts()]
+    assert ["frames sent", "1"] in rows
+    assert ["span", "126 µs"] in rows
+    page.keyboard.press("Escape")
+    press(page, "x")
+    assert not page.locator(".tl-region").is_visible()
 
 
 def test_markers_have_names_and_are_in_the_address(page: Any):
@@ -461,7 +483,8 @@ def test_axe_finds_nothing(browser: Browser, served: Served, size: tuple[int, in
             assert page.locator(part).bounding_box()["height"] > 15, part
         press(page, "l")
         told(page, SENTENCE)
-        press(page, "m")
+        press(page, "m", "1", "n", "2")
+        page.wait_for_selector(".tl-region td")
         page.evaluate("document.querySelectorAll('.tl-side details').forEach((each) => { each.open = true })")
         page.wait_for_selector(".tl-listing td")
         assert page.evaluate(GRAVE) == []

@@ -45,12 +45,14 @@ export class Measure {
       const slots = `${Number(((two - one) / slot_ns).toFixed(4))} slots of ${length(slot_ns)}`;
       this.timeline.say(`from cursor 1 to 2: ${seconds(two - one, 9)} s, ${slots}`);
     } else this.timeline.say(`cursor ${number + 1} at ${seconds(this.times[number], 9)} s`);
+    this.timeline.region.ask_soon();
     this.timeline.draw_over();
   }
 
   /** Take both cursors away. */
   clear() {
     this.forget();
+    this.timeline.region.ask();
     this.timeline.say("");
     this.timeline.draw_over();
   }

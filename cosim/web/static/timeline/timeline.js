@@ -17,6 +17,7 @@ import { Navigator } from "./navigator.js";
 import { has_overlay, paint_flags, paint_overlay } from "./overlay.js";
 import { Painter } from "./paint.js";
 import { Plots } from "./plots.js";
+import { Region } from "./region.js";
 import { Rows } from "./rows.js";
 import { paint_ruler } from "./ruler.js";
 import { Split } from "./split.js";
@@ -58,6 +59,7 @@ export class Timeline {
     this.windows = new Windows((message) => page.send(message), () => this.draw());
     this.measure = new Measure(this);
     this.markers = new Markers(this);
+    this.region = new Region(this);
     this.finder = new Finder(this);
     this.labels = new Labels(this);
     this.plots = new Plots(this);
@@ -132,7 +134,7 @@ export class Timeline {
     const keys = element("details", {}, element("summary", {}, "Keys, while the lanes have the focus"), key_list(groups));
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
     const { chooser, listed } = this.plots;
-    const side = element("div", { className: "tl-side" }, this.markers.root, this.finder.panel, legend, chooser, this.listed, listed, keys);
+    const side = element("div", { className: "tl-side" }, this.markers.root, this.region.root, this.finder.panel, legend, chooser, this.listed, listed, keys);
     const plot = element("div", { className: "tl-plot" }, this.strip, this.ruler, this.scroller, this.plots.root);
     const foot = element("div", { className: "tl-foot" }, this.span, this.status);
     this.root.replaceChildren(this.split.grip, this.bar, element("div", { className: "tl-body" }, plot, side), foot);
@@ -157,6 +159,7 @@ export class Timeline {
     this.finder.forget();
     this.measure.forget();
     this.plots.forget();
+    this.region.ask();
     this.markers.forget();
     this.root.hidden = true; // until the server names lanes
   }
@@ -179,6 +182,7 @@ export class Timeline {
     if (message.say === "lanes") this.take_lanes(message);
     else if (message.say === "box") this.finder.take_box(message);
     else if (message.say === "curves") this.plots.take(message);
+    else if (message.say === "region") this.region.take(message);
     else if (message.say === "found") this.finder.take_found(message);
     else return false;
     return true;
@@ -214,6 +218,7 @@ export class Timeline {
     this.now_ns = Math.round(time_s * 1e9);
     if (selected !== this.selected) {
       this.selected = selected;
+      this.region.ask_soon();
       this.labels.show();
       this.draw();
       this.plots.want();
@@ -224,6 +229,7 @@ export class Timeline {
     if (this.live) {
       this.want();
       this.plots.want();
+      this.region.keep_up();
     }
     this.draw_over();
   }
