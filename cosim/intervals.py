@@ -23,6 +23,7 @@ STATES: Final[dict[str, str]] = {
     "link": "over a channel that only plays links: it has one to the robot peer, in this role",
     "off": "the radio is switched off",
     # of radios, Bluetooth
+    "afh": "Bluetooth: the hop set of the piconet of this master leaves out channels=, given as ranges of RF channels",
     "away": "Bluetooth: belongs to the piconet of master=, itself perhaps, and is not in it: in another one, or busy "
     "with an inquiry or a page",
     "hold": "Bluetooth: a link is on hold; slave= at its master, master= at its slave",
@@ -64,6 +65,17 @@ STATES: Final[dict[str, str]] = {
     "wall": "the wall of loss that is the scenario's fault number fault stands for the nth time; radio as for jammers",
 }
 """All states, with their meanings, by what they are of."""
+
+
+def ranges_of(channels: Sequence[int]) -> str:
+    """Return *channels*, in their order, with those that follow each other as ranges: 0-3,7,5."""
+    ranges: list[list[int]] = []
+    for channel in channels:
+        if ranges and channel == ranges[-1][-1] + 1:
+            ranges[-1][1:] = [channel]
+        else:
+            ranges.append([channel])
+    return ",".join("-".join(map(str, ends)) for ends in ranges)
 
 
 class Interval(NamedTuple):

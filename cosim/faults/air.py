@@ -12,7 +12,7 @@ from cosim.errors import UserError
 from cosim.faults.events import JammerOff, JammerOn, WallDown, WallUp
 from cosim.faults.instants import Agenda, Happening, Span, lasting
 from cosim.faults.settings import JammerSettings, WallSettings
-from cosim.intervals import JAMMER, Intervals
+from cosim.intervals import JAMMER, Intervals, ranges_of
 from cosim.kernel import Kernel
 from cosim.trace import Trace
 from cosim.units import Time
@@ -130,7 +130,7 @@ def _details(number: int, words: str) -> Iterator[str]:
 def _jammer_words(fault: JammerSettings) -> str:
     jammer = fault.jammer(0, 0)
     words = [f"x_m={jammer.x_m}", f"y_m={jammer.y_m}", f"power_dbm={jammer.power_dbm}"]
-    words += [f"channels={_ranges(jammer.channels)}", f"mode={fault.mode}"]
+    words += [f"channels={ranges_of(jammer.channels)}", f"mode={fault.mode}"]
     if jammer.mode == SWEEPING:
         words.append(f"dwell_ns={jammer.dwell}")
     elif jammer.mode == PULSED:
@@ -146,14 +146,3 @@ def _wall_words(fault: WallSettings) -> str:
 
 def _radio_words(radio: int | None) -> list[str]:
     return [] if radio is None else [f"radio={radio}"]
-
-
-def _ranges(channels: Sequence[int]) -> str:
-    """Return *channels*, in their order, with those that follow each other as ranges: 0-3,7,5."""
-    ranges: list[list[int]] = []
-    for channel in channels:
-        if ranges and channel == ranges[-1][-1] + 1:
-            ranges[-1][1:] = [channel]
-        else:
-            ranges.append([channel])
-    return ",".join("-".join(map(str, ends)) for ends in ranges)

@@ -5,6 +5,7 @@ A page asks in JSON, times being text of decimal digits, as many readers of JSON
     {"say": "window", "number": 7, "lanes": [0, 3], "from_ns": "0", "to_ns": "1000000", "step_ns": "1024"}
     {"say": "box", "lane": 3, "row": 17}
     {"say": "find", "kind": 4, "robot": null, "lost": true, "from_ns": "0", "back": false}
+    {"say": "channels", "number": 9, "robot": null, "from_ns": "0", "to_ns": "1000000"}
     {"say": "curves", "number": 8, "names": ["lost"], "robot": null, "from_ns": "0", "to_ns": "1000", "step_ns": "10"}
     {"say": "region", "number": 9, "robot": 2, "from_ns": "0", "to_ns": "1000000"}
 
@@ -40,6 +41,7 @@ from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import Cells
 from cosim.timeline.region import region
 from cosim.timeline.search import Place, Wanted, find
+from cosim.timeline.spectrum import areas, tallies
 from cosim.timeline.window import Window, window
 from cosim.trace import FRAMES, Table
 from cosim.units import Time
@@ -124,7 +126,17 @@ class AskRegion(Settings):
     to_ns: Nanoseconds
 
 
-Question: TypeAlias = AskWindow | AskBox | AskNext | AskCurves | AskRegion
+class AskChannels(Settings):
+    """Ask what is left out, jammed and lost in a window of time; of hop sets, those of a robot's piconets."""
+
+    say: Literal["channels"]
+    number: Number
+    robot: Annotated[int, Field(ge=0, lt=1 << 31)] | None = None
+    from_ns: Nanoseconds
+    to_ns: Nanoseconds
+
+
+Question: TypeAlias = AskWindow | AskBox | AskNext | AskCurves | AskChannels | AskRegion
 """What a page may ask a timeline."""
 Known: TypeAlias = tuple[int, ...]
 """What a page knows of the lanes: their number, and those of kinds and outcomes, and what has been forgotten."""
@@ -161,6 +173,8 @@ class Answers:
                 return self._curves(question)
             case AskRegion():
                 return self._region(question)
+            case AskChannels():
+                return self._channels(question)
             case _:
                 return self._next(question)
 
@@ -213,6 +227,20 @@ class Answers:
         ends = {name: span and [str(time) for time in span] for name, span in spans.items()}
         received_bytes = self._tables.total(FRAMES.name, "length", found.received)
         return {"say": "region", **asked_for, "sums": sums, **ends, "received_bytes": received_bytes}
+
+    def _channels(self, asked: AskChannels) -> Row:
+        window = int(asked.from_ns), int(asked.to_ns)
+        if window[1] < window[0]:
+            raise UserError("channels: expected from_ns <= to_ns")
+        found, more = areas(self._lanes, self._drawn.codes, self._tables, window, asked.robot)
+        told = [
+            {"what": each.what, "robot": each.robot, "start_ns": str(each.start), "end_ns": str(each.end)}
+            | {"channels": each.channels}
+            for each in found
+        ]
+        counted = [list(each) for each in tallies(self._lanes, self._lost, window)]
+        about: Row = {"number": asked.number, "robot": asked.robot, "areas": told, "more": more, "channels": counted}
+        return {"say": "channels"} | about
 
     def _next(self, asked: AskNext) -> Row:
         wanted = Wanted(asked.kind, asked.robot, asked.lost)

@@ -9,16 +9,18 @@ import pandas as pd
 import pytest
 
 from cosim.errors import UserError
+from cosim.intervals import Interval
 from cosim.scenario import load
 from cosim.simulation import Simulation
 from cosim.timeline.curves import Drawn, Parts, curves, values
 from cosim.timeline.growing import Growing
 from cosim.timeline.index import opened
+from cosim.timeline.spectrum import areas
 from cosim.trace import TABLES
 from cosim.units import MS, S
 from cosim.web.recorded import Recorded
 from cosim.web.scenes import scene_of, write_scene
-from cosim.web.timeline import AskCurves
+from cosim.web.timeline import AskChannels, AskCurves
 from tests.web.browser import Browser, pixels, tab
 from tests.web.served import Served
 
@@ -142,6 +144,67 @@ def test_poll_gaps_are_those_between_packets_of_a_master_to_a_slave(drawn: Drawn
     assert np.isnan(found.mean[0])  # no link yet: no gap is not a gap of 0
 
 
+# ---------------------------------------------------------------- RF channels
+
+
+JAMMED = range(30, 51)
+
+
+def asked(folder: Path, robot: int | None, window: tuple[int, int]) -> dict[str, Any]:
+    """Return what the timeline tells of channels."""
+    question = AskChannels(
+        say="channels", number=5, robot=robot, from_ns=str(window[0]), to_ns=str(window[1])
+    )  # fmt: skip
+    told = Recorded(folder).timeline.answer(question)
+    assert isinstance(told, dict)
+    return told
+
+
+@pytest.mark.parametrize("robot", [None, 0, 2])
+def test_channels_are_left_out_as_the_master_says_and_no_frame_is_there(folder: Path, robot: int | None):
+    told = asked(folder, robot, (0, END))
+    jams, sets = ([area for area in told["areas"] if area["what"] == what] for what in ("jammer", "afh"))
+    (jam,) = jams
+    assert (jam["start_ns"], jam["end_ns"], jam["robot"]) == (str(7 * S), str(END), -1)
+    assert jam["channels"] == [[JAMMED[0], JAMMED[-1]]]
+    sent = table(folder, "transmissions")
+    piconet = sent[~sent.kind.isin(["ID", "FHS"])]
+    assert len(sets) >= 2
+    for area in sets:
+        out = {channel for first, last in area["channels"] for channel in range(first, last + 1)}
+        assert area["robot"] == 0
+        assert out < set(JAMMED)
+        within = piconet[(piconet.time_ns >= int(area["start_ns"])) & (piconet.time_ns < int(area["end_ns"]))]
+        assert len(within) > 15
+        assert out.isdisjoint(within.channel)
+
+
+def test_shares_of_lost_frames_are_those_of_the_table(folder: Path):
+    window = 7 * S, 8_765_432_101
+    frames = table(folder, "frames")
+    frames = frames[(frames.time_ns >= window[0]) & (frames.time_ns < window[1])]
+    told = {channel: (count, lost) for channel, count, lost in asked(folder, None, window)["channels"]}
+    each = frames.assign(lost=frames.outcome != "received").groupby(["channel", "time_ns", "source", "kind"]).lost.any()
+    for channel, (count, lost) in told.items():
+        here = each[each.index.get_level_values("channel") == channel]
+        assert (count, lost) == (len(here), int(here.sum())), channel
+    assert sum(lost for channel, (_, lost) in told.items() if channel in JAMMED) > 30
+
+
+def test_areas_of_a_run_under_way_are_those_of_its_rows(folder: Path):
+    growing = Growing(TABLES.values())
+    rows = table(folder, "intervals")
+    done = [tuple(row) for row in rows[rows.state == "afh"].itertuples(index=False)]
+    under_way = [Interval(*row) for row in rows[rows.state == "jammer"].itertuples(index=False)]
+    growing.take({"intervals": done}, under_way, END)
+    found, more = areas(growing.lanes, growing.codes, growing, (0, END))
+    expected = asked(folder, None, (0, END))["areas"]
+    assert [(each.what, str(each.start), each.channels) for each in found] == [
+        (each["what"], each["start_ns"], each["channels"]) for each in expected
+    ]
+    assert more == 0
+
+
 @pytest.mark.parametrize("words", [("0", "-1", "1"), ("0", "10", "0"), ("0", "100000", "1")])
 def test_parts_that_cannot_be_are_told(folder: Path, words: tuple[str, str, str]):
     asked = dict(zip(("from_ns", "to_ns", "step_ns"), words, strict=True))
@@ -177,4 +240,14 @@ def test_curves_are_chosen_and_told(browser: Browser, folder: Path):
         assert pixels(page, "bad", "curves") > 20
         lanes, drawn = (page.locator(part).bounding_box() for part in (".tl-stage", ".tl-plots canvas"))
         assert (drawn["x"], drawn["width"]) == (pytest.approx(lanes["x"], abs=1), pytest.approx(lanes["width"], abs=1))
+        strips = "document.getElementById('timeline').timeline.boxes().filter(({ what }) => what === 'piconet').length"
+        page.locator(".tl-labels li button").last.press("Enter")  # scrolls there
+        page.wait_for_function(f"() => {strips} >= 3")  # each member of the only piconet
+        page.locator(".tl-overlay").press("b")
+        page.wait_for_function(f"() => {strips} === 0 && location.hash.includes('piconets=no')")
+        page.locator(".tl-overlay").press("c")
+        page.locator("summary", has_text="Table of the window").click()
+        page.wait_for_selector(".tl-listing th:has-text('left out by the piconet of robot 0')")
+        page.evaluate("document.querySelector('.tl-shares canvas').id = 'shares'")
+        assert pixels(page, "bad", "shares") > 20
     served.stop()

@@ -40,6 +40,11 @@ class ChannelMap:
         self._left_out: dict[int, Time] = {}  # since when
 
     @property
+    def left_out(self) -> list[int]:
+        """The channels that are not in the hop set, ascending."""
+        return sorted(self._left_out)
+
+    @property
     def used(self) -> list[int]:
         """The hop set, in the order of the hop kernel."""
         return in_order([channel for channel in range(CHANNELS) if channel not in self._left_out])
@@ -118,6 +123,7 @@ class Adaptation:
             tallies[:] = 0
             if self._map.update(heard, failed, now):
                 self._use()
+                self._links.memberships.leave_out(self._map.left_out, now)
         self.wake()
 
     def _use(self) -> None:

@@ -10,6 +10,7 @@ Neglected are the air time of link manager messages and that of the access windo
 beacon that a slave hears also shows the master that the slave is still there, if it is in reach of the master.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -43,7 +44,7 @@ from cosim.channels.bluetooth.polling import (
 )
 from cosim.channels.bluetooth.transport import Transport
 from cosim.errors import LocalProtocolError
-from cosim.intervals import Intervals
+from cosim.intervals import Intervals, ranges_of
 from cosim.machine import Address, Mode
 from cosim.trace import Trace
 from cosim.units import SLOT, Time
@@ -68,7 +69,7 @@ MODES: Final = {Mode.HOLD: "hold", Mode.SNIFF: "sniff", Mode.PARKED: "park"}
 
 
 class Memberships:
-    """The intervals of the members of the piconet of *master*."""
+    """The intervals of the piconet of *master*: of its members, and of the channels that it leaves out."""
 
     def __init__(self, master: Address, intervals: Intervals | None = None) -> None:
         self._master = master
@@ -77,6 +78,8 @@ class Memberships:
         """Details by state of what each side of a link is in; a side is (device, slave)."""
         self._absent: dict[Address, tuple[str, str]] = {}
         """State and detail of the devices that are not there all the time, members or not."""
+        self._left_out = ""
+        """Detail of the interval of the hop set; empty for that of all channels."""
 
     def begin(self, device: Address, slave: Address, lt_addr: int, now: Time) -> None:
         """Note that *device*, the master or the *slave*, takes the link between them to be up."""
@@ -99,6 +102,14 @@ class Memberships:
             self._absent[device] = absent
             if self._is_member(device):
                 self._intervals.begin(device, absent[0], now, absent[1])
+
+    def leave_out(self, channels: Sequence[int], now: Time) -> None:
+        """Note that the hop set leaves out *channels*, ascending, from *now* on."""
+        if self._left_out:
+            self._intervals.end(self._master, "afh", now, self._left_out)
+        self._left_out = f"channels={ranges_of(channels)}" if channels else ""
+        if channels:
+            self._intervals.begin(self._master, "afh", now, self._left_out)
 
     def _absence(self, presence: Presence) -> tuple[str, str] | None:
         """Return the state of a device that is not there all the time, and its detail; None for one that is."""

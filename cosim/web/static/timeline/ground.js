@@ -14,6 +14,8 @@ export function paint_ground(pen, kinds, seen, visible) {
   const { paint } = kinds;
   pen.fillStyle = paint.line;
   if (rows.by_channel) {
+    seen.spectrum.paint_areas(pen, seen, kinds);
+    pen.fillStyle = paint.line;
     for (let channel = 9; channel < CHANNELS; channel += 10) {
       pen.fillRect(0, (CHANNELS - channel - 1) * rows.channel_px - 0.5, axis.width_px, 0.5);
     }

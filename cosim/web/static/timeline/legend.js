@@ -16,7 +16,9 @@ export function show_legend(root, kinds, changed) {
     );
   }
   root.append(element("p", { className: "tl-key" }, element("span", { className: "tl-lost", "aria-hidden": "true" }),
-    " lost: hatched is the lost part, or all; thin: nothing to say; above a line: sent; below: received"));
+    " lost: hatched is the lost part, or all; thin: nothing to say; above a line: sent; below: received; by channel: grey is left out by adaptive hopping, "
+    + "hatched is jammed; bars at the right: share of lost frames; piconets: a line on top is a robot in two of them, hatched is one "
+    + "that is not there, or not all the time"));
 }
 
 function toggle({ code, name, meaning }, kinds, changed) {

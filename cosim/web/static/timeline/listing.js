@@ -6,7 +6,7 @@ import { table } from "./dom.js";
 const MOST_ROWS = 200;
 
 /** Put a table of the boxes in the window into *root*; of lanes that have too many, how many they have. */
-export function show_listing(root, { axis, kinds, rows, windows, wish }) {
+export function show_listing(root, { axis, kinds, rows, windows, wish, spectrum }) {
   const answer = wish && windows.fitting(wish);
   if (!answer) return;
   const boxes = [];
@@ -27,6 +27,7 @@ export function show_listing(root, { axis, kinds, rows, windows, wish }) {
     const counts = sums.map(({ lane, count, lost }) => [lane, String(count), lost ? "some" : "none"]);
     parts.push(table("Lanes with too many boxes to be listed: zoom in", ["lane", "boxes", "lost ones"], counts));
   }
+  if (rows.by_channel) parts.unshift(...spectrum.tables());
   root.replaceChildren(...parts);
 }
 

@@ -165,6 +165,7 @@ export class Plots {
     const { axis, kinds } = this.timeline;
     const high = TALL_PX * Math.max(1, names.length);
     canvas.style.height = `${high}px`;
+    canvas.style.width = `${axis.width_px}px`; // as wide as the lanes
     if (!answer || !this.shown) return;
     const ratio = window.devicePixelRatio || 1;
     const size = [axis.width_px, high].map((px) => Math.round(px * ratio));

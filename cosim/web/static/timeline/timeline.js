@@ -20,6 +20,7 @@ import { Plots } from "./plots.js";
 import { Region } from "./region.js";
 import { Rows } from "./rows.js";
 import { paint_ruler } from "./ruler.js";
+import { Spectrum } from "./spectrum.js";
 import { Split } from "./split.js";
 import { Windows } from "./windows.js";
 
@@ -63,6 +64,7 @@ export class Timeline {
     this.finder = new Finder(this);
     this.labels = new Labels(this);
     this.plots = new Plots(this);
+    this.spectrum = new Spectrum(this);
     this.build();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.kinds.recolour();
@@ -130,7 +132,7 @@ export class Timeline {
     this.controls = new Controls(this.bar, this.overlay, [...groups, []]);
     this.controls.keys.set("Enter", () => this.finder.enter()).set("Escape", () => this.finder.unpin());
     this.stage.append(this.content, this.overlay, this.finder.tip);
-    this.scroller.append(this.labels.root, this.stage);
+    this.scroller.append(this.labels.root, this.stage, this.spectrum.root);
     const keys = element("details", {}, element("summary", {}, "Keys, while the lanes have the focus"), key_list(groups));
     const legend = element("details", { open: true }, element("summary", {}, "Legend"), this.legend);
     const { chooser, listed } = this.plots;
@@ -161,6 +163,7 @@ export class Timeline {
     this.plots.forget();
     this.region.ask();
     this.markers.forget();
+    this.spectrum.forget();
     this.root.hidden = true; // until the server names lanes
   }
 
@@ -183,6 +186,7 @@ export class Timeline {
     else if (message.say === "box") this.finder.take_box(message);
     else if (message.say === "curves") this.plots.take(message);
     else if (message.say === "region") this.region.take(message);
+    else if (message.say === "channels") this.spectrum.take(message);
     else if (message.say === "found") this.finder.take_found(message);
     else return false;
     return true;
@@ -222,6 +226,7 @@ export class Timeline {
       this.labels.show();
       this.draw();
       this.plots.want();
+      this.spectrum.want();
     }
     if (this.root.hidden) return;
     if (this.live) this.axis.extend(this.now_ns);
@@ -230,6 +235,7 @@ export class Timeline {
       this.want();
       this.plots.want();
       this.region.keep_up();
+      this.spectrum.want();
     }
     this.draw_over();
   }
@@ -239,6 +245,10 @@ export class Timeline {
   /** Lay out the rows. */
   lay(by_channel) {
     this.rows.lay(by_channel && this.rows.has_channels, this.scroller.clientHeight);
+    if (this.spectrum.root.hidden === this.rows.by_channel) {
+      this.spectrum.root.hidden = !this.rows.by_channel;
+      this.resize(); // the lanes have become narrower, or wider
+    }
     this.row = this.rows.by_lane.get(this.row?.lane.lane) ?? this.rows.rows.find(({ lane }) => lane.what === "sent") ?? null;
     this.labels.show();
     this.controls.show();
@@ -269,6 +279,7 @@ export class Timeline {
     this.scroll_px = this.scroller.scrollTop;
     this.want();
     this.plots.want();
+    this.spectrum.want();
     this.draw();
     this.settle();
     this.finder.leave();
@@ -312,7 +323,7 @@ export class Timeline {
     if (all) {
       const layers = this.windows.layers(this.wish);
       this.blank += Number(!layers.some((each) => each.begin_ns <= axis.from_ns && each.end_ns >= Math.min(axis.to_ns, axis.last_ns)));
-      const seen = { axis, rows, layers, top: this.scroll_px, height: this.stage_px };
+      const seen = { axis, rows, layers, spectrum: this.spectrum, top: this.scroll_px, height: this.stage_px };
       this.painter.paint(this.pen(this.content), { ...seen, origin_ns, wifi, lit: selected });
     }
     const ruler = this.pen(this.ruler);
@@ -320,6 +331,7 @@ export class Timeline {
     paint_markers(ruler, this, RULER_PX);
     paint_flags(ruler, this, RULER_PX);
     this.plots.paint();
+    if (all && rows.by_channel) this.spectrum.paint_bars();
     this.navigator.paint(this.pen(this.strip), STRIP_PX);
     const over = has_overlay(this);
     if (over || this.over) paint_overlay(this.pen(this.overlay), this); // else it is as empty as it was: nothing costs
