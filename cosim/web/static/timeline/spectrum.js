@@ -18,7 +18,7 @@ export class Spectrum {
     this.timeline = timeline;
     this.canvas = element("canvas", { "aria-hidden": "true" });
     this.root = element("div", { className: "tl-shares", hidden: true, title: "Share of frames that are lost, by channel" },
-      element("span", {}, "lost 0–100 %"), this.canvas);
+      element("span", {}, "% lost"), this.canvas);
     this.number = 0;
     this.forget();
   }
