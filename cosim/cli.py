@@ -107,7 +107,8 @@ def commands() -> None:
     "trace",
     type=click.Path(file_okay=False, path_type=Path),
     help="Write the tables there: poses, what was on the air (frames, transmissions, receptions, unsent), what lasts "
-    "(intervals: links, crashes, jammers ...), and what machines get and report (messages, links, events, calls).",
+    "(intervals: links, crashes, jammers ...), what machines get and report (messages, links, events, calls), and what "
+    "robots believe (maps, ways, estimates).",
 )
 @click.option(
     "--pcapng",

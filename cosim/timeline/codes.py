@@ -38,9 +38,8 @@ PACKETS: Final[dict[str, str]] = {
 BUSY: Final = "busy"
 NAV: Final = "NAV"
 CARRIER_SENSE: Final[dict[str, str]] = {
-    BUSY: "802.11: the station sends or hears something, and must wait; of recorded runs",
-    NAV: "802.11: a frame for another station has reserved the medium, by the network allocation vector; of recorded "
-    "runs",
+    BUSY: "802.11: the station sends or hears something, and must wait",
+    NAV: "802.11: a frame for another station has reserved the medium, by the network allocation vector",
 }
 """States of 802.11 stations that follow from their frames, with their meanings."""
 _GROUPS: Final = {

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.timeline.codes import CHANNEL, PICONET, Codes
+from cosim.timeline.codes import BUSY, CHANNEL, NAV, PICONET, Codes
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import levels_of
 from cosim.timeline.rows import SOURCES, Maker, all_of, by_time, distinct, in_order, lane_name
@@ -15,6 +15,8 @@ from cosim.units import Time
 
 TABLE_OF: Final = {
     "states": "intervals",
+    BUSY: "transmissions",
+    NAV: "transmissions",
     "sent": "transmissions",
     "received": "frames",
     "broadcasts": "frames",

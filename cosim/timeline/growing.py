@@ -1,7 +1,8 @@
 """The lanes of a run that is under way: rows are added as they come, and the oldest are forgotten if there are many.
 
 Rows come late: a frame's when it ends, an interval's when it is over, or when a model that has run ahead tells of it.
-Each is put where it belongs by its start. What is under way has boxes too, which end at the present.
+Each is put where it belongs by its start. What is under way has boxes too, which end at the present. What 802.11
+stations sense follows from frames that are over.
 """
 
 from array import array
@@ -11,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.timeline.codes import PICONET, STATE, Codes
@@ -19,6 +21,7 @@ from cosim.timeline.gathering import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
 from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
+from cosim.timeline.sensing import SENSED_FROM, Sensing
 from cosim.trace import FRAMES, INTERVALS, Field, Table
 from cosim.units import S, Time
 
@@ -33,6 +36,7 @@ _WAITED: Final[Time] = 10 * S
 """Time after which the transmission of a lost frame is not waited for any more, ns."""
 
 Rows = Sequence[tuple[Any, ...]]
+_NO_RADIOS: Final[Mapping[int, AdhocSettings]] = {}
 
 
 class Columns:
@@ -100,14 +104,28 @@ class GrowingLane(Lane):
         late = late.taken(np.argsort(late.starts, kind="stable"))
         if self.named.what in OF_SENDERS and self.table == FRAMES.name:
             late = distinct(late, self.named.what)
-        if self.levels is not None and cut < self.levels.summed:
-            self.levels = None
         self._replace_from(cut, late)
         self.longest = max(self.longest, int((new.ends - new.starts).max()))
         before = max(0, cut - 1)
         self.disjoint &= bool((self.boxes.starts[before + 1 :] >= self.boxes.ends[before:-1]).all())
 
+    def renew(self, since: Time, new: Boxes) -> None:
+        """Hold *new* boxes from *since* on; the first goes on with that which is held until then, if one is.
+
+        Of this lane no two boxes overlap or touch, and none of the new ones begins before *since*.
+        """
+        cut = int(np.searchsorted(self.boxes.starts, since, side="left"))
+        if cut and int(self.boxes.ends[cut - 1]) >= since and int(new.starts[0]) == since:
+            cut -= 1
+            for column, held in zip(new, self.boxes.taken(cut), strict=True):
+                if column is not new.ends:
+                    column[0] = held
+        self._replace_from(cut, new)
+        self.longest = max(self.longest, int((new.ends - new.starts).max()))
+
     def _replace_from(self, cut: int, late: Boxes) -> None:
+        if self.levels is not None and cut < self.levels.summed:
+            self.levels = None
         count = cut + len(late.starts)
         if count > len(self._room.starts):
             size = max(64, 2 * count)
@@ -146,7 +164,10 @@ class GrowingLane(Lane):
 class Growing:
     """The lanes of a run that is under way, and the latest rows of its tables."""
 
-    def __init__(self, tables: Iterable[Table], most: int = MOST_ROWS) -> None:
+    def __init__(
+        self, tables: Iterable[Table], most: int = MOST_ROWS, radios: Mapping[int, AdhocSettings] = _NO_RADIOS
+    ) -> None:
+        """Keep at most so many rows; *radios*: the settings of the 802.11 radios, by number."""
         self.lanes: list[GrowingLane] = []
         self.codes = Codes()
         self.now: Time = 0
@@ -158,6 +179,7 @@ class Growing:
         self._maker = Maker(self.codes, late=True)
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
+        self._sensing = Sensing(radios, self.codes, self._several)
 
     def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time) -> None:
         """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*."""
@@ -166,6 +188,10 @@ class Growing:
             if new.get(name) and name in self._tables:
                 self._add(name, new[name])
         self._mark_losses()
+        for named, since, boxes in self._sensing.news():
+            lane = self._lane(named.what, (named.robot, named.radio, 0))
+            lane.renew(since, boxes)
+            lane.sum_up(self.codes)
         self._show(under_way)
         if sum(map(len, self._tables.values())) > self._most:
             self._forget()
@@ -191,9 +217,11 @@ class Growing:
         table = self._tables[name]
         first = table.first + len(table)
         table.extend(rows)
+        columns = dict(zip(table.names, zip(*rows, strict=True), strict=True))
+        if name in SENSED_FROM:
+            self._sensing.take(name, columns, first)
         if name not in SOURCES:
             return
-        columns = dict(zip(table.names, zip(*rows, strict=True), strict=True))
         details = None
         if name == INTERVALS.name:
             details = [_identity(Interval(*row)) for row in rows]

@@ -23,8 +23,8 @@ from cosim.timeline.gathering import Gathering, lost_codes
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane
 from cosim.timeline.levels import ENTRY_DTYPES, Entries, Levels, levels_of
 from cosim.timeline.rows import SOURCES, names_of
-from cosim.timeline.sensing import sensed
-from cosim.trace import RECEPTIONS, TableFile
+from cosim.timeline.sensing import SENSED_FROM, columns_of, radios_of, sensed
+from cosim.trace import TRANSMISSIONS, TableFile
 from cosim.units import Time
 
 FOLDER: Final = "timeline"
@@ -103,8 +103,10 @@ def made(folder: Path, told: Told = lambda done, total: None) -> Index:
                 first, done = first + count, done + count
                 told(done, total)
     lanes = gathering.lanes()
-    if (heard := folder / f"{RECEPTIONS.name}.parquet").is_file():
-        more = sensed(files | {RECEPTIONS.name: TableFile(heard)}, gathering.codes, gathering.several)
+    if TRANSMISSIONS.name in files and (radios := radios_of(files[TRANSMISSIONS.name].metadata)):
+        paths = {name: folder / f"{name}.parquet" for name in SENSED_FROM}
+        tables = {name: columns_of(TableFile(path), name) for name, path in paths.items() if path.is_file()}
+        more = sensed(tables, radios, gathering.codes, gathering.several)
         lanes = sorted([*lanes, *more], key=lambda lane: lane.named.place)
     lost = lost_codes(gathering.codes)
     boxes, summed = max(1, sum(len(lane.boxes.starts) for lane in lanes)), 0

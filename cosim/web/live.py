@@ -193,7 +193,7 @@ class Live:
         """The last tick, where all robots were (n, 3), and how the frames of their odometry were turned (n,)."""
         self._answers = Rolling(_ANSWERS)
         drawn = [table for table in self._simulation.trace.tables.values() if table not in BELIEFS]
-        self._timeline = Grown(drawn, partial(decoded, scenario))
+        self._timeline = Grown(drawn, partial(decoded, scenario), dump(scenario)["channel"])
         self._ending: Plain | None = None
         self._failure = ""
         self._simulation.begin()

@@ -23,7 +23,7 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from threading import Lock
-from typing import Annotated, Final, Literal, Protocol, TypeAlias
+from typing import Annotated, Any, Final, Literal, Protocol, TypeAlias
 
 import numpy as np
 from pydantic import Field
@@ -41,6 +41,7 @@ from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import Cells
 from cosim.timeline.region import region
 from cosim.timeline.search import Place, Wanted, find
+from cosim.timeline.sensing import adhoc_radios
 from cosim.timeline.spectrum import areas, tallies
 from cosim.timeline.window import Window, window
 from cosim.trace import FRAMES, Table
@@ -303,8 +304,9 @@ class Kept:
 class Grown:
     """The timeline of a run that is under way: one thread adds to it, others ask."""
 
-    def __init__(self, tables: Iterable[Table], decode: Decode | None = None) -> None:
-        self._growing = Growing(tables)
+    def __init__(self, tables: Iterable[Table], decode: Decode | None = None, channel: Any = None) -> None:
+        """*channel*: that of the scenario, as plain data."""
+        self._growing = Growing(tables, radios=adhoc_radios(channel))
         self._decode = decode
         self._lock = Lock()
 

@@ -13,7 +13,9 @@ from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.radios import with_radio
 from cosim.machine import BROADCAST
 from cosim.timeline import levels
+from cosim.timeline.growing import Growing
 from cosim.timeline.index import Index, opened
+from cosim.timeline.sensing import adhoc_radios
 from cosim.trace import FRAMES, POSES, RECEPTIONS, TABLES, TRANSMISSIONS, Trace
 from cosim.units import US, S
 from cosim.web.recorded import Recorded
@@ -40,7 +42,7 @@ def written(folder: Path, sent: list[Any], heard: list[Any], channel: Any, radio
     return folder
 
 
-def silences(index: Index, what: str) -> dict[tuple[int, int], list[tuple[int, int, int, int]]]:
+def silences(index: Index | Growing, what: str) -> dict[tuple[int, int], list[tuple[int, int, int, int]]]:
     """Return begin, end, row and peer of all boxes of the lanes *what*, by robot and radio."""
     found = {}
     for lane in index.lanes:
@@ -139,6 +141,53 @@ def test_each_radio_has_a_network_and_settings_of_its_own(tmp_path: Path) -> Non
     rows = pd.read_parquet(tmp_path / "transmissions.parquet")
     for (_, radio), boxes in reserved.items():
         assert all(rows.radio[row] == radio for *_, row, _ in boxes)
+
+
+def comes(tables: dict[str, list[Any]], channel: Any, seed: int) -> Growing:
+    """Return lanes to which the rows of *tables* have come part by part, each table's up to 0.5 s late."""
+    found = Growing([TABLES[name] for name in tables], radios=adhoc_radios(channel))
+    stream, left, now = random.Random(seed), dict(tables), 0
+    while any(left.values()):
+        new = {}
+        for name, rows in left.items():
+            told = now - stream.randrange(S // 2)
+            count = next((at for at, row in enumerate(rows) if row[0] > told), len(rows))
+            new[name], left[name] = rows[:count], rows[count:]
+        found.take(new, [], now)
+        now += stream.randrange(S // 10)
+    return found
+
+
+def of_frames(index: Any, what: str, frame: Any) -> dict[tuple[int, int], list[tuple[int, int, Any, int]]]:
+    """Return what ``silences`` does, with *frame*(row) of each box in the place of its row."""
+    return {
+        place: [(begin, end, frame(row), peer) for begin, end, row, peer in boxes]
+        for place, boxes in silences(index, what).items()
+    }
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_run_under_way_has_the_lanes_that_its_trace_has(tmp_path: Path, seed: int) -> None:
+    settings = {"range_m": 15.0, "rts_threshold": 200}
+    wanted = (FRAMES, TRANSMISSIONS, RECEPTIONS, POSES)
+    field = Field([(0, 0), (10, 0), (20, 0), (10, 8)], wanted, **settings)
+    chance = random.Random(seed)
+    for _ in range(200):
+        source, to = chance.sample(range(-1, 4), 2)
+        if source >= 0:
+            field.send_at(chance.randrange(2 * S), source, to, chance.randrange(300))
+    field.run(3 * S)
+    channel = AdhocSettings(**settings).model_dump(mode="json")
+    field.trace.write(tmp_path, {"scenario": json.dumps({"channel": channel})})
+    names = (FRAMES.name, TRANSMISSIONS.name, RECEPTIONS.name)
+    tables = {name: list(zip(*field.trace.columns(name).values(), strict=True)) for name in names}
+    grown = comes(tables, channel, seed)
+    rows = pd.read_parquet(tmp_path / "transmissions.parquet")
+    of_row = list(zip(rows.time_ns, rows.source, strict=True))
+    for what in ("busy", "NAV"):
+        whole = of_frames(opened(tmp_path), what, of_row.__getitem__)
+        assert of_frames(grown, what, lambda row: tables["transmissions"][row][:2]) == whole
+        assert sum(map(len, whole.values())) > 100
 
 
 @pytest.mark.parametrize("channel", [{"kind": "bluetooth"}, {"kind": "adhoc", "strange": 1}, None])
