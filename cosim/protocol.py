@@ -205,6 +205,11 @@ class ProtocolSpec:
     """The event types, frozen dataclasses, that the machines emit."""
     notices: tuple[type, ...] = ()
     """Those of the event types that a person is to be told of: ``cosim run`` prints what ``str`` makes of them."""
+    over_time: tuple[str, ...] = ()
+    """Metrics of the referee that are worth to be followed: its ``verdict`` may be asked for at any tick, and again.
+
+    They are rows of the table ``metrics``, and curves of the timeline.
+    """
     about: str = ""
     """What its robots do, in a sentence for ``cosim list``."""
     team_limit: int | None = None

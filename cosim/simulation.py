@@ -17,6 +17,7 @@ from cosim.beliefs import Beliefs
 from cosim.channels.base import WHY_UNSENT, Channel
 from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
+from cosim.courses import Courses
 from cosim.errors import LocalProtocolError, UserError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
@@ -132,6 +133,7 @@ class Simulation:
         victims = Victims(self.nodes, self.channel, self.fleet, self.senses, self.floorplan, boot)
         self.faults = Faults(scenario.faults, self.kernel, victims, self.trace, streams)
         self.faults.schedule(scenario.duration)
+        self._courses = Courses(self.trace, self.spec, self.referee, self.faults.energy_j)
         self.over = False
         """Nothing more happens: all machines have finished, the referee has ended the run, or its time is over."""
         self.attended = False
@@ -273,6 +275,7 @@ class Simulation:
         for death in self.faults.deaths():
             self.referee.died(death)
         over = self.referee.look(self.fleet.x_m, self.fleet.y_m, now)
+        self._courses.look(now)
         if over or not self._anybody_busy():
             self._ticks.cancel()
             self.over = True
@@ -322,13 +325,15 @@ class Simulation:
         self.faults.close(now)
         for death in self.faults.deaths(run_is_over=True):
             self.referee.died(death)
+        verdict = self.referee.verdict(now)
+        self._courses.note(verdict, now)
         metrics = {
             "simulated_s": simulated_s,
             "distance_m": self._distance_m,
             "kernel_events": float(self.kernel.executed),
             "robots_killed": float(self.faults.killed),
             "payloads_unsent": float(sum(self.channel.unsent.values())),
-            **_own_metrics(self.spec, self.spec.measure(self.machines), self.referee.verdict(now)),
+            **_own_metrics(self.spec, self.spec.measure(self.machines), verdict),
         }
         summary = self.channel.summary()
         twice = sorted(metrics.keys() & summary.keys())

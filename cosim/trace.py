@@ -166,6 +166,17 @@ LINKS: Final = Table(
         Field("detail", "str", "", "the role, the mode, or what became of the payload"),
     ),
 )
+METRICS: Final = Table(
+    "metrics",
+    "what metrics of the run would be if it ended then, a row for each that has changed, at most once a second",
+    (
+        _TIME,
+        Field("source", "int", "", "the robot that it is about; -1 for the team"),
+        Field("metric", "str", "", "its name: one that the protocol's referee counts over time, or battery_j"),
+        Field("value", "float", "", "its value from then on, in its unit; NaN where it is not defined"),
+        Field("unit", "str", "", "the unit; 1 is a plain number"),
+    ),
+)
 CALLS: Final = Table(
     "calls",
     "calls from room to room, as a robot's layers made them",
@@ -228,7 +239,7 @@ BELIEFS: Final = (MAPS, WAYS, ESTIMATES)
 TABLES: Final = {
     table.name: table
     for table in (
-        *(POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT, CALLS),
+        *(POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT, METRICS, CALLS),
         *BELIEFS,
     )
 }

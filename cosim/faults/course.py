@@ -307,6 +307,10 @@ class Faults:
 
     # ------------------------------------------------------------ batteries
 
+    def energy_j(self) -> dict[Address, float]:
+        """Return what is left in the battery of each robot that has one, as of the last tick."""
+        return {robot: max(0.0, battery.left_j) for robot, battery in sorted(self._batteries.items())}
+
     def _supply(self, fault: BatterySettings) -> None:
         """Have a battery looked at whenever a tick comes."""
         self._batteries[fault.robot] = Battery(fault)

@@ -7,7 +7,7 @@ The course of a metric is the mean over the part's time, with the least and the 
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,8 +15,6 @@ from cosim.timeline.codes import EVENT, STATE, Codes
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.units import S, Time
 
-Courses: TypeAlias = Mapping[str, tuple[Array, Array]]
-"""Metrics over time: times of changes (int64, ns, sorted), and the values from then on (float64), by the name."""
 _BLOCK: Final = 4096
 """Boxes that are looked at together for the packet before the window."""
 _SLAVE: Final = "slave"
@@ -40,6 +38,21 @@ class Values(NamedTuple):
     """float64"""
     least: Array | None = None
     most: Array | None = None
+
+
+class Course(NamedTuple):
+    """A metric over time, as a step function."""
+
+    times: Array
+    """int64, ns, sorted: when it has changed"""
+    values: Array
+    """float64: what it is from then on"""
+    unit: str
+
+
+Courses: TypeAlias = Mapping[tuple[int, str], Course]
+"""Metrics over time by robot, -1 for those of the team, and name."""
+_TEAM: Final = -1
 
 
 class Parts(NamedTuple):
@@ -77,7 +90,8 @@ def curves(drawn: Drawn) -> list[Curve]:
     kinds = drawn.codes.kinds
     found += [_of_state(name) for group, name in kinds if group == STATE]
     found += [_of_event(name) for group, name in kinds if group == EVENT]
-    return found + [_of_metric(name) for name in drawn.courses]
+    metrics = {name: (course.unit, robot != _TEAM) for (robot, name), course in drawn.courses.items()}
+    return found + [_of_metric(name, *about) for name, about in metrics.items()]
 
 
 _DELIVERED: Final = Curve("delivered", "delivered/s", "1/s", "payloads that have arrived at a host")
@@ -103,17 +117,17 @@ def _of_event(name: str) -> Curve:
     return Curve(f"{EVENT}:{name}", f"{name}/s", "1/s", f"events {name}")
 
 
-def _of_metric(name: str) -> Curve:
-    return Curve(
-        f"metric:{name}", name.replace("_", " "), "", f"the metric {name} of the run, had it ended then", False
-    )
+def _of_metric(name: str, unit: str, of_robots: bool) -> Curve:
+    meaning = f"what {name} would be if the run ended then"
+    return Curve(f"metric:{name}", name.replace("_", " "), unit, meaning, of_robots)
 
 
 def values(name: str, drawn: Drawn, parts: Parts, robot: int | None) -> Values | None:
     """Return the curve *name* of the team, or of a *robot*; None if there is none of that name."""
     group, _, kind = name.partition(":")
     if group == "metric":
-        return _course(*drawn.courses[kind], parts) if kind in drawn.courses else None
+        course = _chosen(drawn.courses, kind, robot)
+        return None if course is None else _course(course.times, course.values, parts)
     lanes = [lane for lane in drawn.lanes if robot is None or lane.named.robot == robot]
     if name == _POLLS.name:
         return _gaps(drawn, lanes, parts)
@@ -254,12 +268,42 @@ def _mean(times: Array, lengths: Array, parts: Parts) -> Values:
 # ---------------------------------------------------------------- metrics
 
 
+def courses_of(columns: Mapping[str, Sequence[Any]]) -> Courses:
+    """Return the metrics over time that the rows of the table ``metrics`` are, sorted by time."""
+    found: dict[tuple[int, str], tuple[list[int], list[float], str]] = {}
+    names = ("time_ns", "source", "metric", "value", "unit")
+    for time, robot, name, value, unit in zip(*(columns[column] for column in names), strict=True):
+        times, values, _ = found.setdefault((robot, name), ([], [], unit))
+        times.append(time)
+        values.append(value)
+    return {
+        key: Course(np.array(times, dtype=np.int64), np.array(values, dtype=np.float64), unit)
+        for key, (times, values, unit) in found.items()
+    }
+
+
+def _chosen(courses: Courses, name: str, robot: int | None) -> Course | None:
+    """Return the metric *name* of a *robot* if each has its own, else of the team: its own, or that of all together."""
+    one = courses.get((_TEAM, name)) or (None if robot is None else courses.get((robot, name)))
+    parts = [course for (of, each), course in courses.items() if each == name and of != _TEAM]
+    if one is not None or robot is not None or not parts:
+        return one
+    times = np.unique(np.concatenate([course.times for course in parts]))
+    total = np.sum([_held(course.times, course.values, times) for course in parts], axis=0)
+    return Course(times, total, parts[0].unit)
+
+
+def _held(times: Array, course: Array, at: Array) -> Array:
+    """Return what a metric is *at* instants; NaN before it is known."""
+    which = np.searchsorted(times, at, side="right") - 1
+    return np.where(which >= 0, course[which], np.nan)
+
+
 def _course(times: Array, course: Array, parts: Parts) -> Values:
     edges = parts.edges
     inside = times[np.searchsorted(times, edges[0], side="right") : np.searchsorted(times, edges[-1])]
     points = np.union1d(edges, inside)
-    which = np.searchsorted(times, points[:-1], side="right") - 1
-    held = np.where(which >= 0, course[which], np.nan) if len(course) else np.full(len(which), np.nan)
+    held = _held(times, course, points[:-1])
     known = ~np.isnan(held)
     firsts = np.searchsorted(points[:-1], edges[:-1])
     lengths = np.where(known, np.diff(points), 0)

@@ -16,13 +16,14 @@ from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.timeline.codes import PICONET, STATE, Codes
+from cosim.timeline.curves import Courses, courses_of
 from cosim.timeline.detail import Row
 from cosim.timeline.gathering import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
 from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
 from cosim.timeline.sensing import SENSED_FROM, Sensing
-from cosim.trace import FRAMES, INTERVALS, Field, Table
+from cosim.trace import FRAMES, INTERVALS, METRICS, Field, Table
 from cosim.units import S, Time
 
 MOST_ROWS: Final = 2_000_000
@@ -74,6 +75,11 @@ class Columns:
         if not 0 <= at < len(self):
             return None
         return dict(zip(self.names, (column[at] for column in self._columns), strict=True))
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The rows that are kept, by column."""
+        return dict(zip(self.names, self._columns, strict=True))
 
     def at(self, time: Time) -> list[Row]:
         """Return the rows of that *time*."""
@@ -180,6 +186,9 @@ class Growing:
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
         self._sensing = Sensing(radios, self.codes, self._several)
+        self._courses: Courses = {}
+        self._coursed = 0, 0
+        """First row and number of the rows that the courses are of."""
 
     def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time) -> None:
         """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*."""
@@ -204,6 +213,15 @@ class Growing:
         if row is None:
             raise UserError(f"{table}: there is no row {number}, or not any more")
         return row
+
+    @property
+    def courses(self) -> Courses:
+        """Metrics over time."""
+        table = self._tables.get(METRICS.name)
+        if table is not None and self._coursed != (table.first, len(table)):
+            self._coursed = table.first, len(table)
+            self._courses = courses_of(table.columns)
+        return self._courses
 
     def at(self, table: str, time: Time) -> list[Row]:
         """Return the rows of *table* of that *time*."""

@@ -22,7 +22,7 @@ from cosim.errors import UserError
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
-from cosim.trace import BELIEFS, FRAMES, INTERVALS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
+from cosim.trace import BELIEFS, FRAMES, INTERVALS, MESSAGES, METRICS, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
 from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import PresentActivity
 from cosim.web.air import Frame, RecentAir
@@ -35,7 +35,7 @@ from cosim.web.scans import Scanner
 from cosim.web.scenes import scene_of
 from cosim.web.timeline import Grown, Timeline
 
-_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, *BELIEFS)
+_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, METRICS, *BELIEFS)
 """Tables that a page shows besides the events."""
 _WISHES: Final = 64
 """Maximum number of wishes that wait."""

@@ -15,9 +15,10 @@ from cosim.decoding import decoded
 from cosim.documents import is_file
 from cosim.errors import CosimError, UserError
 from cosim.scenario import Scenario, protocol_names
+from cosim.timeline.curves import courses_of
 from cosim.timeline.detail import Decode
 from cosim.timeline.index import Told, opened
-from cosim.trace import StoredTable, TableFile
+from cosim.trace import METRICS, StoredTable, TableFile
 from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import StoredActivity
 from cosim.web.air import StoredAir
@@ -79,7 +80,9 @@ class Recorded:
         if events is not None and len(events):
             self._scene["marks"] = marks_of(*(events.column(name) for name in ("time_ns", "source", "event")))
         self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
-        self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata))
+        metrics = _table(folder, METRICS.name, StoredTable)
+        courses = {} if metrics is None else courses_of(_columns(metrics))
+        self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata), courses)
         self._scanner = cache(lambda: Scanner(self._scene))
         self.clock = Clock(end, wall, playing)
         """Its time; a run beside it may go by the same."""
@@ -169,6 +172,11 @@ def _decoding(metadata: Mapping[str, str]) -> Decode | None:
         return partial(decoded, Scenario.model_validate(given))
     except (CosimError, KeyError, TypeError, ValueError, OSError):  # of another version, or with maps that are not here
         return None
+
+
+def _columns(table: StoredTable) -> dict[str, list[Any]]:
+    rows = table.rows(0, len(table))
+    return {name: [row[name] for row in rows] for name in table.names}
 
 
 def is_trace(folder: Path) -> bool:

@@ -23,6 +23,7 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from threading import Lock
+from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -32,7 +33,7 @@ from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
 from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, ORDER, PICONET, Codes
-from cosim.timeline.curves import Drawn, Parts, curves, values
+from cosim.timeline.curves import Courses, Drawn, Parts, curves, values
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
 from cosim.timeline.gathering import lost_codes, span_of
 from cosim.timeline.growing import Growing, Rows
@@ -140,7 +141,7 @@ class AskChannels(Settings):
 Question: TypeAlias = AskWindow | AskBox | AskNext | AskCurves | AskChannels | AskRegion
 """What a page may ask a timeline."""
 Known: TypeAlias = tuple[int, ...]
-"""What a page knows of the lanes: their number, and those of kinds and outcomes, and what has been forgotten."""
+"""What a page knows of the lanes: their number, those of kinds and outcomes, what is forgotten, and the metrics."""
 
 
 class Timeline(Protocol):
@@ -156,9 +157,9 @@ class Timeline(Protocol):
 class Answers:
     """Answers about lanes that do not change meanwhile."""
 
-    def __init__(self, lanes: Sequence[Lane], codes: Codes, tables: Tables, decode: Decode | None = None) -> None:
-        self._lanes = lanes
-        self._drawn = Drawn(lanes, codes)
+    def __init__(self, drawn: Drawn, tables: Tables, decode: Decode | None = None) -> None:
+        self._lanes, codes = drawn.lanes, drawn.codes
+        self._drawn = drawn
         self._lost = lost_codes(codes)
         self._tables = tables
         self._decode = decode
@@ -285,10 +286,13 @@ class Answers:
 class Kept:
     """The timeline of a recorded run."""
 
-    def __init__(self, index: Index, folder: Path, decode: Decode | None = None) -> None:
+    def __init__(
+        self, index: Index, folder: Path, decode: Decode | None = None, courses: Courses = MappingProxyType({})
+    ) -> None:
         self.index = index
-        self._answers = Answers(index.lanes, index.codes, Files(folder), decode)
-        self._message = lanes_message(index.lanes, index.codes, *span_of(index.lanes))
+        drawn = Drawn(index.lanes, index.codes, courses)
+        self._answers = Answers(drawn, Files(folder), decode)
+        self._message = lanes_message(drawn, *span_of(index.lanes))
         self._lock = Lock()
 
     def told(self, known: Known | None) -> tuple[Row | None, Known]:
@@ -320,17 +324,19 @@ class Grown:
         with self._lock:
             growing = self._growing
             lanes, codes = growing.lanes, growing.codes
-            news = len(lanes), len(codes.kinds), len(codes.outcomes), growing.forgotten
+            courses = growing.courses
+            news = len(lanes), len(codes.kinds), len(codes.outcomes), growing.forgotten, len(courses)
             if news == known:
                 return None, known
             first = span_of(lanes)[0] if growing.forgotten else 0
-            return lanes_message(lanes, codes, first, growing.now, growing.forgotten), news
+            return lanes_message(Drawn(lanes, codes, courses), first, growing.now, growing.forgotten), news
 
     def answer(self, question: Question) -> bytes | Row:
         """Answer a page; raise UserError, one line, for what cannot be asked."""
         with self._lock:
             growing = self._growing
-            return Answers(growing.lanes, growing.codes, growing, self._decode).answer(question)
+            drawn = Drawn(growing.lanes, growing.codes, growing.courses)
+            return Answers(drawn, growing, self._decode).answer(question)
 
 
 def _numbered(asked: AskBox | AskNext) -> Row:
@@ -342,8 +348,9 @@ def _numbers(column: Array | None) -> list[float | None] | None:
     return None if column is None else [None if value != value else value for value in column.tolist()]
 
 
-def lanes_message(lanes: Sequence[Lane], codes: Codes, first: Time, last: Time, forgotten: int = 0) -> Row:
-    """Return the message ``lanes``: what lanes, kinds and outcomes there are, lanes from top to bottom."""
+def lanes_message(drawn: Drawn, first: Time, last: Time, forgotten: int = 0) -> Row:
+    """Return the message ``lanes``: what lanes, kinds, outcomes and curves there are, lanes from top to bottom."""
+    lanes = drawn.lanes
     numbers = sorted(range(len(lanes)), key=lambda number: lanes[number].named.place)
     told = [
         {
@@ -358,9 +365,9 @@ def lanes_message(lanes: Sequence[Lane], codes: Codes, first: Time, last: Time, 
         for number in numbers
         for named in (lanes[number].named,)
     ]
-    there = [each._asdict() for each in curves(Drawn(lanes, codes))]
+    there = [each._asdict() for each in curves(drawn)]
     span: Row = {"curves": there, "peers": True, "first_ns": str(first), "last_ns": str(last), "forgotten": forgotten}
-    return {"say": "lanes", "lanes": told} | codes.plain | span
+    return {"say": "lanes", "lanes": told} | drawn.codes.plain | span
 
 
 def packed(number: int, lanes: Sequence[int], answer: Window) -> bytes:

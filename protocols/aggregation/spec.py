@@ -191,6 +191,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
+    over_time=("hosts_alive",),
     events=EVENTS,
     decode=lambda parameters, size, data: dict(zip(("sender", "message"), decode(data), strict=True)),
     team_limit=TEAM_LIMIT,

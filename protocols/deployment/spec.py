@@ -167,6 +167,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
+    over_time=("places_held", "way_m", "waited_s", "collisions", "wall_contacts", "nearest_m"),
     events=(*EVENTS, *positioning.EVENTS, *EXPLORING_EVENTS),
     decode=decode,
     notices=(PlanRefused,),

@@ -125,6 +125,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
+    over_time=("coverage", "cells_missed", "covered_twice"),
     events=(*EVENTS, BadBytes, *POSITIONING_EVENTS),
     decode=lambda parameters, size, data: decode_all(data),
     team_limit=TEAM_LIMIT,

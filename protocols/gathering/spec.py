@@ -119,6 +119,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=pseudonet.measure,
+    over_time=("gathered", "spread_m"),
     events=EVENTS,
     decode=pseudonet.decode,
     believes=Pseudonet.believed,

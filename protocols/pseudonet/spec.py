@@ -184,6 +184,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
+    over_time=("coverage", "overlap_ratio"),
     events=EVENTS,
     decode=decode,
     believes=Pseudonet.believed,

@@ -248,6 +248,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
+    over_time=("motion_steps", "targets_reached", "steps_per_target"),
     events=EVENTS,
     decode=lambda parameters, size, data: decode(data),
     team_limit=TEAM_LIMIT,

@@ -12,7 +12,8 @@ from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.scenario import load
 from cosim.simulation import Simulation
-from cosim.timeline.curves import Drawn, Parts, curves, values
+from cosim.timeline.codes import Codes
+from cosim.timeline.curves import Drawn, Parts, courses_of, curves, values
 from cosim.timeline.growing import Growing
 from cosim.timeline.index import opened
 from cosim.timeline.spectrum import areas
@@ -203,6 +204,47 @@ def test_areas_of_a_run_under_way_are_those_of_its_rows(folder: Path):
         (each["what"], each["start_ns"], each["channels"]) for each in expected
     ]
     assert more == 0
+
+
+# ---------------------------------------------------------------- metrics
+
+
+def test_a_metric_is_the_mean_of_its_steps_over_the_time(folder: Path):
+    rows = table(folder, "metrics")
+    rows = rows[rows.metric == "coverage"]
+    step = 700_000_001
+    told = Recorded(folder).timeline.answer(
+        AskCurves(
+            say="curves",
+            number=1,
+            names=["metric:coverage"],
+            from_ns=str(S + 5),
+            to_ns=str(9 * step),
+            step_ns=str(step),
+        )
+    )
+    assert isinstance(told, dict)
+    (curve,) = told["curves"]
+    begins = [S + 5 + part * step for part in range(len(curve["mean"]))]
+    for part, begin in enumerate(begins):
+        inside = rows[(rows.time_ns > begin) & (rows.time_ns < begin + step)]
+        times = [begin, *inside.time_ns, begin + step]
+        held = [rows[rows.time_ns <= begin].value.iloc[-1], *inside.value]
+        mean = sum(value * (end - start) for value, start, end in zip(held, times, times[1:], strict=False)) / step
+        found = [curve[name][part] for name in ("mean", "least", "most")]
+        assert found == pytest.approx([mean, min(held), max(held)])
+    assert len(rows) > 3
+
+
+def test_a_metric_of_robots_is_that_of_the_chosen_one_or_the_sum():
+    rows = [(0, 0, "battery_j", 5.0, "J"), (10, 1, "battery_j", 7.0, "J"), (20, 0, "battery_j", 1.0, "J")]
+    names = ("time_ns", "source", "metric", "value", "unit")
+    courses = courses_of(dict(zip(names, zip(*rows, strict=True), strict=True)))
+    drawn = Drawn([], Codes(), courses)
+    assert [(each.name, each.unit) for each in curves(drawn)] == [("metric:battery_j", "J")]
+    for robot, expected in ((0, [5, 5, 1]), (1, [np.nan, 7, 7]), (None, [np.nan, 12, 8]), (2, None)):
+        found = values("metric:battery_j", drawn, Parts(0, 10, 3), robot)
+        assert (None if found is None else found.mean.tolist()) == pytest.approx(expected, nan_ok=True), robot
 
 
 @pytest.mark.parametrize("words", [("0", "-1", "1"), ("0", "10", "0"), ("0", "100000", "1")])
