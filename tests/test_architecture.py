@@ -21,7 +21,7 @@ LINES = (
     "trace intervals kernel",
     "world",
     "robots channels",
-    "node faults scenario decoding beliefs simulation columns parts results upkeep experiment sweep cluster",
+    "node faults scenario decoding beliefs courses simulation columns parts results upkeep experiment sweep cluster",
     "timeline report export web picture testing parallel env pins warm live data_dictionary console cli_pictures "
     "cli_sweeps cli __main__",
 )
