@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.timeline.codes import CHANNEL
+from cosim.timeline.codes import CHANNEL, PICONET
 from cosim.timeline.lanes import Array, Boxes, Lane, overlapping
 from cosim.trace import FRAMES
 from cosim.units import Time
@@ -47,7 +47,7 @@ class Region(NamedTuple):
 
 
 def region(lanes: Iterable[Lane], start: Time, end: Time, lost: Array) -> Region:
-    """Return what lies in [start, end) of *lanes*, exactly; those of RF channels, which show the same, are left out.
+    """Return what lies in [start, end) of *lanes*, exactly; those of RF channels and piconets, which show the same, are left out.
 
     *lost*: whether boxes are, by their codes of outcomes.
     """
@@ -55,7 +55,7 @@ def region(lanes: Iterable[Lane], start: Time, end: Time, lost: Array) -> Region
     firsts, lasts, received = [], [], [np.zeros(0, dtype=np.uint32)]
     for lane in lanes:
         what = lane.named.what
-        if what == CHANNEL:
+        if what in (PICONET, CHANNEL):
             continue
         for kind, count, time in _sums(lane, start, end):
             sums[what, kind][0] += count

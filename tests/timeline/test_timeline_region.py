@@ -124,6 +124,20 @@ def test_a_run_under_way_has_the_sums_of_its_trace(folder: Path) -> None:
         assert {kind for what, kind in words[0] if what == "sent"} == set(KINDS)
 
 
+def test_a_link_that_its_piconet_shows_too_is_counted_once(tmp_path: Path) -> None:
+    rows = made_rows(7, 5, LAST)
+    rows["intervals"] = [(10, 0, 90, 0, "master", "slave=1 lt_addr=1"), (10, 1, 90, 0, "slave", "master=0 lt_addr=1")]
+    session = Recorded(written(tmp_path, made_trace(rows)))
+    page = Page(session)
+    assert "piconet" in {lane["what"] for lane in page.lanes.values()}
+    sums = {
+        (each["what"], page.kinds[each["kind"]]): (each["count"], each["time_ns"])
+        for each in ask(session, 0, 50)["sums"]
+        if page.kinds[each["kind"]] in ("master", "slave")
+    }
+    assert sums == {("states", "master"): (1, "40"), ("states", "slave"): (1, "40")}
+
+
 def test_a_region_of_no_length_is_told_in_a_line(folder: Path) -> None:
     with pytest.raises(UserError, match="region: expected from_ns < to_ns"):
         ask(Recorded(folder), 7, 7)
