@@ -47,7 +47,7 @@ class Region(NamedTuple):
 
 
 def region(lanes: Iterable[Lane], start: Time, end: Time, lost: Array) -> Region:
-    """Return what lies in [start, end) of *lanes*, exactly; those of RF channels and piconets, which show the same, are left out.
+    """Return what lies in [start, end) of *lanes*, exactly; those of channels and piconets show the same: left out.
 
     *lost*: whether boxes are, by their codes of outcomes.
     """
