@@ -271,8 +271,8 @@ def test_curves_are_chosen_and_told(browser: Browser, folder: Path):
         page.locator(".tl-overlay").press("v")
         page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes('lost/s')")
         page.locator(".tl-curves button[value='state:slave']").press("Enter")
-        page.wait_for_function("() => location.hash.includes('curves=delivered')")
-        assert "curves=delivered,lost,state" in page.evaluate("decodeURIComponent(location.hash)")
+        chosen = "curves=delivered,lost,state:slave"
+        page.wait_for_function("words => decodeURIComponent(location.hash).includes(words)", arg=chosen)
         page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes('slave')")
         assert "0 to 3" in page.locator(".tl-values div").nth(2).inner_text()
         page.locator("summary", has_text="Curves as a table").click()
@@ -292,4 +292,8 @@ def test_curves_are_chosen_and_told(browser: Browser, folder: Path):
         page.wait_for_selector(".tl-listing th:has-text('left out by the piconet of robot 0')")
         page.evaluate("document.querySelector('.tl-shares canvas').id = 'shares'")
         assert pixels(page, "bad", "shares") > 20
+        page.locator(".tl-overlay").press("g")  # higher lanes have their names beside them
+        last = page.locator(".tl-labels li.channel", has_text="0: 2402 MHz").last
+        stage, label = (part.bounding_box() for part in (page.locator(".tl-stage"), last))
+        assert label["y"] + label["height"] / 2 == pytest.approx(stage["y"] + stage["height"], abs=6)
     served.stop()

@@ -40,7 +40,7 @@ export function commands(timeline) {
       ["mark-next", "mark ›", "Next marker", ["]"], () => markers.walk(1)],
       ["go", "go", "Have the run at this time", ["t"], () => timeline.go()],
       ["channels", "channels", "By RF channel", ["c"], () => timeline.show_channels(), () => timeline.rows.by_channel],
-      ["piconets", "piconets", "Strips of the piconets", ["b"], () => timeline.show_piconets(), () => timeline.rows.piconets],
+      ["piconets", "piconets", "Strips of the piconets", ["b"], () => timeline.show_piconets(), () => timeline.rows.piconets && timeline.rows.has_piconets],
       ["curves", "curves", "Curves under the lanes", ["v"], () => timeline.plots.toggle(), () => timeline.plots.shown],
       ["tall", "tall", "Most of the page for the timeline", ["g"], () => timeline.stretch(), () => timeline.split.tall],
     ],

@@ -221,7 +221,7 @@ export class Plots {
     const text = lines.flat().join("\n") + this.of;
     if (this.told === text) return;
     this.told = text;
-    this.words.replaceChildren(...lines.map(([first, second]) => element("div", {}, first, element("span", {}, second))));
+    this.words.replaceChildren(...lines.map(([first, second]) => element("div", { title: `${first}, ${second}` }, first, element("span", {}, second))));
     this.words.title = `Curves${this.of}`;
   }
 

@@ -269,7 +269,10 @@ export class Timeline {
       canvas.height = Math.round(height * this.ratio);
     }
     this.over = true;
-    if (this.rows.by_channel) this.rows.lay(true, this.stage_px);
+    if (this.rows.by_channel) {
+      this.rows.lay(true, this.stage_px);
+      this.labels.show();
+    }
     this.moved();
   }
 
