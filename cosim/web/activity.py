@@ -38,14 +38,18 @@ class Activity(Protocol):
 class StoredActivity:
     """The intervals of a recorded run."""
 
-    def __init__(self, intervals: TableFile | None, links: StoredTable | None) -> None:
-        """Take the tables ``intervals`` and ``links``; None for what the run has not kept."""
+    def __init__(self, intervals: TableFile | None, links: StoredTable | None, end: Time) -> None:
+        """Take the tables ``intervals`` and ``links``; None for what the run has not kept.
+
+        *end*: the last instant of which the run tells anything else, ns; what ends no sooner has lasted to the end.
+        """
         self._table = intervals
         self._row = lru_cache(_ROWS)(self._read_row)
         self._spans_of = lru_cache(_GROUPS)(self._read_spans)
         self.states: set[str] = set()
         """The states that robots are ever in."""
         self._spans = FiledSpans(() if intervals is None else intervals.ends, self._spans_of)
+        self._until_end = self._spans.last >= end
         known = bool(self.states & {"link", *LINKED})
         self._news = [] if known or links is None else sorted(linked(links), key=lambda each: each.start)
         starts, ends = ([each[at] for each in self._news] for at in (0, 2))
@@ -54,7 +58,7 @@ class StoredActivity:
 
     def at(self, time: Time) -> tuple[Hashable, Callable[[], list[Row]]]:
         """Return the intervals that *time* is in; at the end of the run those that have lasted until then."""
-        numbers = self._spans.at(min(time, self._spans.last - 1)).tolist()
+        numbers = self._spans.at(min(time, self._spans.last - 1) if self._until_end else time).tolist()
         of_news = self._news_spans.at(time).tolist()
 
         def rows() -> list[Row]:

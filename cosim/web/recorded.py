@@ -58,7 +58,9 @@ class Recorded:
         frames, intervals = (_table(folder, name, TableFile) for name in ("frames", "intervals"))
         marks, kinds = _marked(events), _by_kind(events)
         self._downs = _downs(events)
-        air, activity = StoredAir(frames), StoredActivity(intervals, links)
+        tables = [table for table in (poses, events) if table is not None and len(table)]
+        told_until = max(int(table.column("time_ns")[-1]) for table in tables)
+        air, activity = StoredAir(frames), StoredActivity(intervals, links, told_until)
         self._beliefs = StoredBeliefs(lambda name: _table(folder, name, StoredTable), self._times)
         seconds = self._times[:, None] / S
         ticks = np.concatenate([seconds, self._poses.reshape(len(self._times), -1)], axis=1)
@@ -72,8 +74,7 @@ class Recorded:
             marks=_events(events, marks),
             kinds={name: _events(events, numbers) for name, numbers in kinds.items()},
         )
-        ends = [int(table.column("time_ns")[-1]) for table in (poses, events) if table is not None and len(table)]
-        end: Time = max(*ends, 0 if frames is None else frames.last)
+        end: Time = max(told_until, 0 if frames is None else frames.last)
         self._rows: dict[str, Counted] = {"frame": air, "event": shown}
         self._scene = _scene(folder, self._poses, end) | {"live": False}
         self._scene["kinds"] = {name: len(numbers) for name, numbers in kinds.items()}

@@ -214,6 +214,16 @@ def test_intervals_that_last_until_the_end_are_shown_there(folder: Path, tmp_pat
     assert [[state for state, *_ in rows] for rows in told] == [[], ["master"], ["master", "slave"], *[["master"]] * 2]
 
 
+def test_the_last_interval_is_over_when_it_ends_before_the_run_does(folder: Path, tmp_path: Path):
+    (tmp_path / "poses.parquet").write_bytes((folder / "poses.parquet").read_bytes())
+    trace = Trace([INTERVALS])
+    trace.row(INTERVALS, 2 * S, 1, 3 * S, -1, "crashed", "")
+    trace.write(tmp_path)
+    session = Recorded(tmp_path, lambda: 0.0, playing=False)
+    told = [seek(session, time)["doing"] for time in (2 * S, 3 * S - 1, 3 * S, 20 * S)]
+    assert [[state for state, *_ in rows] for rows in told] == [["crashed"], ["crashed"], [], []]
+
+
 @pytest.mark.slow
 def test_the_page_draws_after_a_seek_what_the_tables_say(browser: Browser, folder: Path, frames: pd.DataFrame):
     session = Recorded(folder, playing=False)
