@@ -209,32 +209,42 @@ def _check_cell(free: Bools, cell: Cell) -> None:
 
 @njit(cache=True)
 def _squares(solid: Bools, reach: float) -> Singles:
-    """Return the squares of the distances of centres from the nearest solid cell, inf beyond *reach*."""
+    """Return the squares of the distances of centres from the nearest solid cell, inf beyond *reach*.
+
+    Of a row's solid cells the nearest to a column is the nearest to all cells of that column: so the squares along rows
+    are found first, and what is added to them from row to row then (A. Meijster, J. B. T. M. Roerdink and
+    W. H. Hesselink, "A general algorithm for computing distance transforms in linear time", 2000).
+    """
     ny, nx = solid.shape
-    result = np.full((ny, nx), np.inf, np.float32)
     most, cells = reach * reach, math.floor(reach + 0.5)
+    along, result = _squares_along(solid, cells), np.full((ny, nx), np.inf, np.float32)
     for iy in range(ny):
+        row = result[iy]
+        for ky in range(max(iy - cells, 0), min(iy + cells + 1, ny)):
+            other, off = along[ky], max(abs(ky - iy) - 0.5, 0.0)
+            square = np.float32(off * off)  # multiples of a quarter: nothing is rounded
+            for ix in range(nx):
+                row[ix] = min(row[ix], other[ix] + square)
         for ix in range(nx):
-            if solid[iy, ix]:
-                result[iy, ix] = 0.0
-            if not solid[iy, ix] or _enclosed(solid, ix, iy):
-                continue
-            for ky in range(max(iy - cells, 0), min(iy + cells + 1, ny)):
-                for kx in range(max(ix - cells, 0), min(ix + cells + 1, nx)):
-                    off_x, off_y = max(abs(kx - ix) - 0.5, 0.0), max(abs(ky - iy) - 0.5, 0.0)
-                    square = off_x * off_x + off_y * off_y
-                    if square <= most and square < result[ky, kx]:
-                        result[ky, kx] = square
+            row[ix] = row[ix] if row[ix] <= most else np.float32(np.inf)
     return result
 
 
 @njit(cache=True)
-def _enclosed(solid: Bools, ix: int, iy: int) -> bool:
-    """Return whether all eight neighbours are solid too: then they reach farther than this cell does."""
+def _squares_along(solid: Bools, cells: int) -> Singles:
+    """Return the squares of the distances from the nearest solid cell of the same row; inf where *cells* are none."""
     ny, nx = solid.shape
-    if ix == 0 or iy == 0 or ix == nx - 1 or iy == ny - 1:
-        return False
-    return bool(solid[iy - 1 : iy + 2, ix - 1 : ix + 2].all())
+    squares = np.full((ny, nx), np.inf, np.float32)
+    for iy in range(ny):
+        for right in (False, True):
+            since = cells + 1
+            for k in range(nx):
+                ix = k if right else nx - 1 - k
+                since = 0 if solid[iy, ix] else since + 1
+                if since <= cells:
+                    off = np.float32(max(since - 0.5, 0.0))
+                    squares[iy, ix] = min(squares[iy, ix], off * off)
+    return squares
 
 
 @njit(cache=True)
