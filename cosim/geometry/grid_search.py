@@ -50,7 +50,7 @@ _RISE: Final = 1.0 + 2.0 * DIAGONAL
 _LINKS: Final = 1 << 17
 """Number of links of a queue; a search that needs more begins again with twice as many."""
 _ALIKE: Final = np.empty((0, 0), np.float32)
-"""Factors of 1 in all cells."""
+"""Factors of 1, or prices of 0, in all cells."""
 _NONE, _FULL = -1, -2
 """No link, and too few of them."""
 _SPARE, _USED, _LISTED = range(3)
@@ -79,8 +79,7 @@ def costs(
     """
     nothing = np.zeros(free.shape, np.bool_) if ends is None else ends
     _, cost, _ = _searched(free, nothing, factor, price, starts, -1, Estimate.NONE, diagonal, stop)
-    ny, nx = free.shape
-    return np.ascontiguousarray(cost.reshape(ny + 2, nx + 2)[1:-1, 1:-1])
+    return cost.reshape(free.shape)
 
 
 def cheapest_way(
@@ -92,7 +91,7 @@ def cheapest_way(
     estimate *goal* has no meaning. The way is a cheapest one if the estimate is never too much.
     """
     last, _, before = _searched(free, ends, None, price, np.array([start]), goal, estimate, diagonal, True)
-    return _unwound(before, last, free.shape[1] + 2) if last >= 0 else None
+    return _unwound(before, last) if last >= 0 else None
 
 
 def _searched(
@@ -107,14 +106,20 @@ def _searched(
     stop: bool,
 ) -> tuple[int, Floats, Int32s]:
     """Return what :func:`_search` finds with as many links as it needs."""
-    factors = _ALIKE if factor is None else factor
-    prices = np.zeros(free.shape, np.float32) if price is None else price
+    factors, prices = (_ALIKE if each is None else each for each in (factor, price))
+    rise = _greatest(prices, 0.0) + (_greatest(factors, 1.0) - 1.0) * DIAGONAL
     links = _LINKS
     while True:
-        found = _search(free, ends, factors, prices, starts, goal, int(estimate), diagonal, stop, links)
+        found = _search(free, ends, factors, prices, rise, starts, goal, int(estimate), diagonal, stop, links)
         if found[0] != _FULL:
             return found
         links *= 2
+
+
+def _greatest(weights: Singles, least: float) -> float:
+    """Return the greatest finite one of the *weights*, or *least* if there is none above it."""
+    greatest = float(weights.max(initial=least))
+    return greatest if greatest < math.inf else float(weights[weights < math.inf].max(initial=least))
 
 
 # ---------------------------------------------------------------- kernels
@@ -126,6 +131,7 @@ def _search(
     ends: Bools,
     factor: Singles,
     price: Singles,
+    rise: float,
     starts: Int64s,
     goal: int,
     estimate: int,
@@ -133,86 +139,74 @@ def _search(
     stop: bool,
     links: int,
 ) -> tuple[int, Floats, Int32s]:
-    """Return the cheapest of *ends* (-1: none; all cells are expanded without *stop*), costs, and cells before.
+    """Return the cheapest of *ends* (-1: none; all cells are expanded without *stop*), costs, and cells before, flat.
 
-    All are of the grid with a border of one cell, flat. -2: there are not enough *links* for the queue.
+    *rise* is by how much prices and factors make a step dearer at most. -2: there are not enough *links* for the queue.
     One bucket after the other is emptied. If no estimate is too much, a cell is left again within a bucket only.
     """
-    state, prices, dearest = _bordered(free, ends, price)
-    factors, steepest = _weights(factor)
+    state, factors, prices = _bordered(free, ends), factor.ravel(), price.ravel()
     nx = free.shape[1]
-    wide, goal_x, goal_y = nx + 2, goal % nx + 1, goal // nx + 1
-    slices, first = _buckets(dearest + (steepest - 1.0) * DIAGONAL, estimate)
+    wide, goal_x, goal_y = nx + 2, goal % nx, goal // nx
+    slices, first = _buckets(rise, estimate)
     held, after, count = np.empty(links, np.int32), np.empty(links, np.int32), np.array([_NONE, 0, 0])
-    cost, before = np.full(state.size, np.inf), np.empty(state.size, np.int32)
-    bucket = 0
+    cost, before = np.full(free.size, np.inf), np.empty(free.size, np.int32)
+    bucket, last, best = 0, -1, np.inf
     for start in starts:
-        origin = (start // nx + 1) * wide + start % nx + 1
-        if cost[origin] > 0.0:
-            cost[origin], before[origin] = 0.0, origin
-            state[origin] |= _WAITING
-            bucket = int(slices * _estimate(origin % wide, origin // wide, goal_x, goal_y, estimate))
-            _put(first, held, after, count, bucket, origin)
-    last, best = -1, np.inf
+        if cost[start] > 0.0:
+            cost[start], before[start] = 0.0, start
+            x, y, at = _place(start, nx)
+            state[at] |= _WAITING
+            bucket = int(slices * _estimate(x, y, goal_x, goal_y, estimate))
+            _put(first, held, after, count, bucket, start)
     while count[_LISTED] > 0 and bucket <= best * slices:
         cell = _taken(first, held, after, count, bucket)
         if cell == _NONE:
             bucket += 1
             continue
-        if not state[cell] & _WAITING:
+        x, y, at = _place(cell, nx)
+        if not state[at] & _WAITING:
             continue  # it was listed twice
-        state[cell] ^= _WAITING
-        if stop and state[cell] & _END:
-            if cost[cell] < best:
-                last, best = cell, cost[cell]
-        elif state[cell] & _PASSED or before[cell] == cell:
+        state[at] ^= _WAITING
+        if stop and state[at] & _END:
+            last, best = (cell, cost[cell]) if cost[cell] < best else (last, best)
+        elif state[at] & _PASSED or before[cell] == cell:
             if count[_USED] + 8 > links:
                 return _FULL, cost, before
-            steps, x, y = _steps(state, cell, wide), cell % wide, cell // wide
-            times = factors[cell] if factors.size else 1.0
+            steps, times = _steps(state, at, wide), factors[cell] if factors.size else 1.0
             for k in range(8):
-                to = cell + _UP[k] * wide + _RIGHT[k]
-                length = cost[cell] + (diagonal if k >= _SLANTED else 1.0) * times + prices[to]
-                if not steps >> k & 1 or length >= cost[to]:
+                if not steps >> k & 1:
                     continue
+                # an unsigned index is not asked whether it counts from the end
+                to = np.uint64(cell + _UP[k] * nx + _RIGHT[k])
+                length = cost[cell] + (diagonal if k >= _SLANTED else 1.0) * times
+                length += prices[to] if prices.size else 0.0
                 promise = length + _estimate(x + _RIGHT[k], y + _UP[k], goal_x, goal_y, estimate)
-                if promise < best:
+                if length < cost[to] and promise < best:
                     cost[to], before[to] = length, cell
-                    state[to] |= _WAITING
-                    _put(first, held, after, count, max(int(promise * slices), bucket), to)
+                    state[np.uint64(at + _UP[k] * wide + _RIGHT[k])] |= _WAITING
+                    _put(first, held, after, count, max(int(promise * slices), bucket), int(to))
     return last, cost, before
 
 
+@njit(cache=True, borrows=True)
+def _place(cell: int, nx: int) -> tuple[int, int, int]:
+    """Return the column and the row of a cell, and its number where there is a border."""
+    x, y = cell % nx, cell // nx
+    return x, y, (y + 1) * (nx + 2) + x + 1
+
+
 @njit(cache=True)
-def _bordered(free: Bools, ends: Bools, price: Singles) -> tuple[Bytes, Singles, float]:
-    """Return flags and prices of cells, flat, with a border that no way enters, and the greatest finite price."""
+def _bordered(free: Bools, ends: Bools) -> Bytes:
+    """Return flags of cells, flat, with a border of one cell that no way enters."""
     ny, nx = free.shape
-    state, prices = np.zeros((ny + 2, nx + 2), np.uint8), np.zeros((ny + 2, nx + 2), np.float32)
-    dearest = 0.0
+    state = np.zeros((ny + 2, nx + 2), np.uint8)
     for iy in range(ny):
         for ix in range(nx):
-            passed = _ENTERED | _PASSED if free[iy, ix] else 0
-            state[iy + 1, ix + 1] = passed | (_ENTERED | _END if ends[iy, ix] else 0)
-            prices[iy + 1, ix + 1] = price[iy, ix]
-            if dearest < price[iy, ix] < np.inf:
-                dearest = float(price[iy, ix])
-    return state.ravel(), prices.ravel(), dearest
+            state[iy + 1, ix + 1] = free[iy, ix] * (_ENTERED | _PASSED) | ends[iy, ix] * (_ENTERED | _END)
+    return state.ravel()
 
 
-@njit(cache=True)
-def _weights(factor: Singles) -> tuple[Singles, float]:
-    """Return the factors, flat, with a border, and the greatest finite one; nothing, and 1, where all are 1."""
-    ny, nx = factor.shape
-    factors, steepest = np.zeros((ny + 2, nx + 2) if factor.size else (0, 0), np.float32), 1.0
-    for iy in range(ny):
-        for ix in range(nx):
-            factors[iy + 1, ix + 1] = factor[iy, ix]
-            if steepest < factor[iy, ix] < np.inf:
-                steepest = float(factor[iy, ix])
-    return factors.ravel(), steepest
-
-
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _steps(state: Bytes, cell: int, wide: int) -> int:
     """Return the steps from a cell to those that may be entered: bit k is that by _UP[k] and _RIGHT[k].
 
@@ -227,7 +221,7 @@ def _steps(state: Bytes, cell: int, wide: int) -> int:
     return int(steps)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _estimate(x: int, y: int, goal_x: int, goal_y: int, estimate: int) -> float:
     if estimate == _NO_ESTIMATE:
         return 0.0
@@ -238,20 +232,20 @@ def _estimate(x: int, y: int, goal_x: int, goal_y: int, estimate: int) -> float:
 
 
 @njit(cache=True)
-def _buckets(dearest: float, estimate: int) -> tuple[float, Int32s]:
+def _buckets(rise: float, estimate: int) -> tuple[float, Int32s]:
     """Return how many buckets there are to one unit of cost, and a ring of them, empty: the first link of each.
 
     It holds promises up to that of a step from the bucket that is being emptied.
     """
-    rise, slices, ring = dearest + _RISE, float(_SLICES[estimate]), 1
-    while rise * slices > _MOST_BUCKETS:
+    most, slices, ring = rise + _RISE, float(_SLICES[estimate]), 1
+    while most * slices > _MOST_BUCKETS:
         slices *= 0.5
-    while ring < rise * slices + 2.0:
+    while ring < most * slices + 2.0:
         ring *= 2
     return slices, np.full(ring, _NONE, np.int32)
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _put(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: int, cell: int) -> None:
     """Put a cell before those of a bucket: a link holds a cell and the number of the next link."""
     at, link = bucket & (first.size - 1), count[_SPARE]
@@ -264,7 +258,7 @@ def _put(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: int,
     count[_LISTED] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def _taken(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: int) -> int:
     """Return the cell that was put last into a bucket, and take it away; _NONE if the bucket is empty."""
     at = bucket & (first.size - 1)
@@ -278,8 +272,8 @@ def _taken(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: in
 
 
 @njit(cache=True)
-def _unwound(before: Int32s, last: int, wide: int) -> Int32s:
-    """Return the way to a cell of the grid with its border, in cells of the grid without."""
+def _unwound(before: Int32s, last: int) -> Int32s:
+    """Return the cells of the way to a cell."""
     count, cell = 1, last
     while cell != before[cell]:
         cell = before[cell]
@@ -287,6 +281,6 @@ def _unwound(before: Int32s, last: int, wide: int) -> Int32s:
     way = np.empty(count, np.int32)
     cell = last
     for k in range(count - 1, -1, -1):
-        way[k] = (cell // wide - 1) * (wide - 2) + cell % wide - 1
+        way[k] = cell
         cell = before[cell]
     return way
