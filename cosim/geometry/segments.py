@@ -107,6 +107,16 @@ def ray_casts(grid: SegmentGrid, origins_m: npt.ArrayLike, angles_rad: npt.Array
     return _ray_casts(grid, _points(origins_m), angles, float(range_m))
 
 
+def ring_casts(grid: SegmentGrid, place_m: tuple[float, float], beams: Floats, range_m: float) -> Floats:
+    """Return the distances (n,) from a place to a wall, at most *range_m*, along a ring of *beams* (n, 2).
+
+    Beam k is the unit vector at the angle 2 pi k / n. From the end of a wall, that wall may not be seen.
+    """
+    first = np.empty(len(beams))
+    scan_walls(grid, *place_m, 0.0, range_m * beams, range_m, first)
+    return np.minimum(first, 1.0) * range_m
+
+
 def clearance(grid: SegmentGrid, points_m: npt.ArrayLike, limit_m: float) -> Floats:
     """Return the distances (n,) of *points_m* (n, 2) from the nearest wall, in metres, at most *limit_m*."""
     points = _points(points_m)

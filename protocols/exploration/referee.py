@@ -17,7 +17,7 @@ from cosim.arrays import Bools, Floats, Int64s
 from cosim.geometry.grids import TOUCH_M, CoverageGrid, coverage_grid, distances
 from cosim.geometry.marking import Weights
 from cosim.geometry.planning import Point
-from cosim.geometry.segments import SegmentGrid, in_sight, ray_casts, segment_grid, swept_clearance
+from cosim.geometry.segments import SegmentGrid, in_sight, ring_casts, segment_grid, swept_clearance
 from cosim.jit import njit
 from cosim.navigation.schemas import beam_directions
 from cosim.protocol import Death, Referee, Surroundings
@@ -47,7 +47,6 @@ class CoverageReferee(Referee):
         self._radii_m = np.array(setup.radii_m)
         self._walls = segment_grid(surroundings.walls_m)
         self._beams = beam_directions(setup.beams)
-        self._angles = 2.0 * math.pi * np.arange(setup.beams) / setup.beams
         self._maps = [Belief(setup.frame, _PASSED, setup.range_m) for _ in range(setup.size)]
         cells = setup.frame.nx * setup.frame.ny
         self._covered = np.zeros((setup.size, cells), np.bool_)
@@ -73,8 +72,7 @@ class CoverageReferee(Referee):
         near = away <= self._range_m
         near[robot] = False
         others = bodies[near]
-        origins = np.broadcast_to(np.array(place), (len(self._angles), 2))
-        ranges_m = ray_casts(self._walls, origins, self._angles, self._range_m)
+        ranges_m = ring_casts(self._walls, place, self._beams, self._range_m)
         ranges_m = first_in_way_m(ranges_m, self._beams, place, others)
         known, covered = self._maps[robot], self._covered[robot]
         changed = known.mark(place, ranges_m, self._beams, others)

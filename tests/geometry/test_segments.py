@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from cosim.geometry.segments import clearance, free_fraction, ray_casts, sees, segment_grid, swept_clearance
+from cosim.geometry.segments import clearance, free_fraction, ray_casts, ring_casts, sees, segment_grid, swept_clearance
+from cosim.navigation.schemas import beam_directions
 
 
 def scene(seed):
@@ -116,3 +117,15 @@ def test_a_disc_in_touch_slides_along_the_wall_and_leaves_it():
     ways = [(3, 0), (-2, 0), (1, 1), (0, -0.1), (3, -0.1)]
     assert [free_fraction(grid, 5.0, 0.2 - 1e-16, *way, 0.2, 1e-7) for way in ways] == [1, 1, 1, 0, 0]
     assert free_fraction(grid, 5.0, 0.1, 0.0, 1.0, 0.2, 1e-7) == 1.0  # even if it should be inside, it gets out
+
+
+@pytest.mark.parametrize("beams", [1, 7, 360])
+def test_a_ring_of_beams_meets_what_each_of_them_meets(beams):
+    draw = np.random.default_rng(beams)
+    walls, angles = draw.uniform(0.0, 10.0, (40, 4)), 2.0 * np.pi * np.arange(beams) / beams
+    walls[:8] = [[x, 0, x, 10] for x in range(1, 9)]
+    grid, ring = segment_grid(walls), beam_directions(beams)
+    places = [(1.0, 5.0), (-3.0, 4.0), *draw.uniform(0.0, 10.0, (20, 2)).tolist()]  # on a wall, off the grid
+    for place in places:
+        expected = ray_casts(grid, np.tile(place, (beams, 1)), angles, 4.0)
+        assert ring_casts(grid, tuple(place), ring, 4.0).tolist() == expected.tolist()
