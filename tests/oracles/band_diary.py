@@ -70,7 +70,7 @@ class Diary:
 
     def look(self, device: Device) -> None:
         now, since = self.stage.now, self.since[device.address]
-        found = set(all_of(device, now))
+        found = {*all_of(device, now), *absences(self.stage, device, now)}
         for doing in since.keys() - found:
             self.end(device.address, doing, now)
         for doing in found:
@@ -93,6 +93,7 @@ class Diary:
 def turns(device: Device) -> Iterator[int]:
     """Return instants at which something begins or ends without an event."""
     scanner, paged = device.inquiry_scan, device.page_scan
+    yield device.absent_until
     if scanner is not None:
         yield scanner.begin
         if scanner.limit is not None:
@@ -116,6 +117,21 @@ def all_of(device: Device, now: int) -> Iterator[Doing]:
             yield "master", f"slave={link.slave} lt_addr={link.lt_addr}"
         elif link.side(device.address).alive:
             yield "slave", f"master={link.master} lt_addr={link.lt_addr}"
+
+
+def absences(stage: Stage, device: Device, now: int) -> Iterator[Doing]:
+    """Return of which piconets *device* is a member without being there, or being there in parts of the time only."""
+    links = device.alive()
+    latest = max(links, key=lambda link: link.side(device.address).up, default=None)
+    for master in {link.master for link in links}:
+        whole = device.share is None and latest is not None and latest.master == master
+        part = next((part for part in device.share.parts if part[0] == master), None) if device.share else None
+        if device.procedure is not None or now < device.absent_until or not (whole or part):
+            yield "away", f"master={master}"
+        elif device.share is not None and part is not None:
+            body = stage.devices[device.share.reference].body
+            slots = f"interval_slots={device.share.period} offset_slots={part[1]} attempt_slots={part[2]}"
+            yield "part_time", f"master={master} {slots} phase_ns={body.phase} ppm={body.ppm}"
 
 
 def inquiry_scan(scanner: Scanner, now: int) -> Iterator[Doing]:

@@ -15,6 +15,8 @@ from tests.oracles.medium import HEADER_AIR, SLOT, Clock
 
 LONGEST = 40 * SLOT
 """Of the transports of payloads of the chosen length."""
+MOST_BPS = 10**12
+"""As a scenario may have it."""
 
 
 def slow_hosts(choice: Choice, scene: Scene) -> Scene:
@@ -50,8 +52,8 @@ def _draw_rate(choice: Choice, scene: Scene) -> tuple[int, int]:
 
 
 def _rate(length: int, transport: int) -> int:
-    """Return the bit/s with which *length* bytes take *transport* ns or hardly more."""
-    return max(1, 8_000_000_000 * length // transport)
+    """Return the bit/s with which *length* bytes take *transport* ns or hardly more, as far as settings allow."""
+    return min(max(1, 8_000_000_000 * length // transport), MOST_BPS)
 
 
 def _smallest(scene: Scene, length: int) -> str:

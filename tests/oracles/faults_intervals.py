@@ -103,4 +103,32 @@ INTERVAL_FAULTS = [
         "self.memberships.begin(slave, slave, k, now)\n",
         "self.memberships.begin(slave, slave, k, now)\n        self.memberships.begin(self.master, slave, k, now)\n",
     ),
+    Fault(
+        "who has no part of the time is there",
+        "band",
+        "links",
+        "or suspended or (presence.period and not presence.length)",
+        "or suspended",
+    ),
+    Fault(
+        "a master that leaves its piconet alone is there",
+        "band",
+        "links",
+        "suspended = self._suspended and device",
+        "suspended = False and device",
+    ),
+    Fault(
+        "absence outlasts the last link",
+        "band",
+        "links",
+        "        if not self._is_member(device):\n",
+        "        if False:\n",
+    ),
+    Fault(
+        "parts are told in ticks",
+        "band",
+        "links",
+        "(ticks // 2 for ticks in (presence.period",
+        "(ticks for ticks in (presence.period",
+    ),
 ]

@@ -69,6 +69,25 @@ def test_a_recorded_link_has_the_other_robot_as_its_peer(tmp_path: Path) -> None
     assert (last.what, last.name) == ("piconet", "piconet of robot 12: robot 15")
 
 
+def test_what_lasts_while_a_device_is_a_member_is_told_whenever_it_is_one() -> None:
+    trace = Trace([INTERVALS])
+    intervals = Intervals(trace)
+    links = Memberships(MASTER, intervals)
+    links.change_presence(3, Presence(True, 192, 0, 64), 10)
+    links.leave_out([4, 5, 9], 20)
+    links.suspend(True, 30)
+    for begin, end in ((100, 200), (300, 400)):
+        for device in (3, MASTER):
+            links.begin(device, 3, 1, begin)
+            links.end(device, 3, end)
+    links.suspend(False, 500)
+    rows = {(*row[:3], row[4]) for row in zip(*trace.columns(INTERVALS.name).values(), strict=True)}
+    for begin, end in ((100, 200), (300, 400)):
+        assert {(begin, 3, end, "part_time"), (begin, MASTER, end, "away"), (begin, MASTER, end, "afh")} <= rows
+    assert len(rows) == 10
+    assert intervals.under_way(600) == []
+
+
 def test_a_link_that_is_under_way_has_one_too() -> None:
     trace, under_way = made()
     growing = Growing([INTERVALS])

@@ -69,51 +69,50 @@ MODES: Final = {Mode.HOLD: "hold", Mode.SNIFF: "sniff", Mode.PARKED: "park"}
 
 
 class Memberships:
-    """The intervals of the piconet of *master*: of its members, and of the channels that it leaves out."""
+    """The intervals of the piconet of *master*: members, their absence, and the channels that are left out."""
 
     def __init__(self, master: Address, intervals: Intervals | None = None) -> None:
         self._master = master
         self._intervals = Intervals(Trace()) if intervals is None else intervals
         self._open: dict[tuple[Address, Address], dict[str, str]] = {}
         """Details by state of what each side of a link is in; a side is (device, slave)."""
-        self._absent: dict[Address, tuple[str, str]] = {}
-        """State and detail of the devices that are not there all the time, members or not."""
-        self._left_out = ""
-        """Detail of the interval of the hop set; empty for that of all channels."""
+        self._presence: dict[Address, Presence] = {}
+        self._suspended = False
+        self._meanwhile: dict[tuple[Address, str], tuple[str, str]] = {}
+        """State and detail of what lasts while a device is a member, by the device and what it is about."""
 
     def begin(self, device: Address, slave: Address, lt_addr: int, now: Time) -> None:
         """Note that *device*, the master or the *slave*, takes the link between them to be up."""
         if self._intervals.wanted:
             state = "master" if device == self._master else "slave"
             self._enter(device, slave, state, f"lt_addr={lt_addr}", now)
-            if device in self._absent:
-                self._intervals.begin(device, self._absent[device][0], now, self._absent[device][1])
+            for (of, _), (other, detail) in self._meanwhile.items():
+                if of == device:
+                    self._intervals.begin(device, other, now, detail)
 
     def change_presence(self, device: Address, presence: Presence, now: Time) -> None:
         """Note when *device*, the master or a slave, is there."""
-        if not self._intervals.wanted:
-            return
-        absent = self._absence(presence)
-        if absent == self._absent.get(device):
-            return
-        self._attend(device, now)
-        self._absent.pop(device, None)
-        if absent is not None:
-            self._absent[device] = absent
-            if self._is_member(device):
-                self._intervals.begin(device, absent[0], now, absent[1])
+        if self._intervals.wanted:
+            self._presence[device] = presence
+            self._change(device, "presence", self._absence(device), now)
+
+    def suspend(self, suspended: bool, now: Time) -> None:
+        """Note whether the master leaves its piconet alone from *now* on, for an inquiry or a page."""
+        if self._intervals.wanted:
+            self._suspended = suspended
+            self._change(self._master, "presence", self._absence(self._master), now)
 
     def leave_out(self, channels: Sequence[int], now: Time) -> None:
         """Note that the hop set leaves out *channels*, ascending, from *now* on."""
-        if self._left_out:
-            self._intervals.end(self._master, "afh", now, self._left_out)
-        self._left_out = f"channels={ranges_of(channels)}" if channels else ""
-        if channels:
-            self._intervals.begin(self._master, "afh", now, self._left_out)
+        if self._intervals.wanted:
+            told = ("afh", f"channels={ranges_of(channels)}") if channels else None
+            self._change(self._master, "hop set", told, now)
 
-    def _absence(self, presence: Presence) -> tuple[str, str] | None:
+    def _absence(self, device: Address) -> tuple[str, str] | None:
         """Return the state of a device that is not there all the time, and its detail; None for one that is."""
-        if not presence.here:
+        presence = self._presence.get(device, ALWAYS)
+        suspended = self._suspended and device == self._master
+        if not presence.here or suspended or (presence.period and not presence.length):
             return "away", f"master={self._master}"
         if not presence.period:
             return None
@@ -121,10 +120,15 @@ class Memberships:
         parts = f"interval_slots={period} offset_slots={first} attempt_slots={length}"
         return "part_time", f"master={self._master} {parts} phase_ns={presence.clock.phase} ppm={presence.clock.ppm}"
 
-    def _attend(self, device: Address, now: Time) -> None:
-        """End the absence of *device*."""
-        if device in self._absent:
-            self._intervals.end(device, self._absent[device][0], now, self._absent[device][1])
+    def _change(self, device: Address, what: str, doing: tuple[str, str] | None, now: Time) -> None:
+        """Note what *device* does from *now* on, or None, for as long as it is a member."""
+        before = self._meanwhile.pop((device, what), None)
+        if doing is not None:
+            self._meanwhile[device, what] = doing
+        if before is not None and before != doing:
+            self._intervals.end(device, before[0], now, before[1])
+        if doing is not None and self._is_member(device):
+            self._intervals.begin(device, doing[0], now, doing[1])
 
     def _is_member(self, device: Address) -> bool:
         return any(of == device and states for (of, _), states in self._open.items())
@@ -148,7 +152,9 @@ class Memberships:
         for state in list(self._open.get((device, slave), ())):
             self._leave(device, slave, state, now)
         if not self._is_member(device):
-            self._attend(device, now)
+            for (of, _), (state, detail) in self._meanwhile.items():
+                if of == device:
+                    self._intervals.end(device, state, now, detail)
 
     def _enter(self, device: Address, slave: Address, state: str, more: str, now: Time) -> None:
         detail = self._detail(device, slave, more)
@@ -230,9 +236,8 @@ class Links:
             del self.lt_addr[self.slaves.pop(k)]
             self.note_shares()
 
-    def set_presence(self, device: Address, presence: Presence, now: Time) -> None:
-        """Note when *device*, the master or a slave, is there from *now* on."""
-        self.memberships.change_presence(device, presence, now)
+    def set_presence(self, device: Address, presence: Presence) -> None:
+        """Note when *device*, the master or a slave, is there."""
         k = 0 if device == self.master else self.lt_addr[device]
         table, clock = self.table, presence.clock
         table[HERE, k] = presence.here

@@ -182,7 +182,7 @@ class Modes:
             self._parking.remove(number)
             links.memberships.change_mode(member.slave, Mode.ACTIVE, now)
             links.join(member.slave, k, now)
-            links.set_presence(member.slave, member.presence, now)
+            links.set_presence(member.slave, member.presence)
             links.admit(k, int(links.piconet[NEXT]), now)
             self._changed()
         self._report_mode(member.slave)

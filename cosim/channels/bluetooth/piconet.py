@@ -200,9 +200,10 @@ class Piconet:
     def set_presence(self, device: Address, presence: Presence) -> None:
         """Note when *device*, the master or a slave, is there from now on."""
         self.advance(self._kernel.now)
+        self.links.memberships.change_presence(device, presence, self._kernel.now)
         parked = self._parking.number(device)
         if parked is None:
-            self.links.set_presence(device, presence, self._kernel.now)
+            self.links.set_presence(device, presence)
         else:
             self._parking.members[parked].presence = presence
         self._air.changed(self._kernel.now)
@@ -212,6 +213,7 @@ class Piconet:
         """Use no more slots from now on: the master inquires or pages."""
         self.advance(self._kernel.now)
         self.links.piconet[RUNNING] = 0
+        self.links.memberships.suspend(True, self._kernel.now)
         self._air.changed(self._kernel.now)
         self._slots.arm()
 
@@ -219,6 +221,7 @@ class Piconet:
         """Use slots again, from the first TX slot at or after now."""
         self.advance(self._kernel.now)
         self.links.piconet[RUNNING] = 1
+        self.links.memberships.suspend(False, self._kernel.now)
         self._air.changed(self._kernel.now)
         first = first_transmission(self.clock, self._kernel.now)
         self.links.piconet[NEXT] = max(int(self.links.piconet[NEXT]), first)

@@ -41,10 +41,6 @@ LOOKS = 5
 REPETITIONS = {1: "R0", 128: "R1", 256: "R2"}
 
 
-UNTOLD = {"afh", "away", "part_time"}
-"""States that the oracle does not tell yet: hop sets and presence are its own, but no rows of its diary."""
-
-
 class Outcome(NamedTuple):
     """All that must be equal. Deliveries are (time, source, receiver, payload, broadcast)."""
 
@@ -226,11 +222,10 @@ def run_channel(
     channel.air.advance(scene.end)
     channel.close(scene.end)
     for start, device, end, _, state, detail in zip(*trace.columns("intervals").values(), strict=True):
-        if state not in UNTOLD:
-            outcome.intervals.append((start, device, end, state, detail))
+        outcome.intervals.append((start, device, end, state, detail))
     ends = {(start, device, *what): end for start, device, end, *what in outcome.intervals}
     for start, device, now, _, *what in looks:
-        assert what[0] in UNTOLD or ends.get((start, device, *what), -1) >= now, (start, device, now, what)
+        assert ends.get((start, device, *what), -1) >= now, (start, device, now, what)
     columns = trace.columns("frames")
     for start, source, to, air, kind, channel_, lt_addr, _, heard, part in zip(*columns.values(), strict=True):
         if start + air < scene.end:

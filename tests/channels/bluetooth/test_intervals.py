@@ -3,9 +3,13 @@
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pytest
 
+from cosim.channels.bluetooth.hopping import CHANNELS
+from cosim.channels.bluetooth.polling import USED
 from cosim.channels.bluetooth.scanning import sent_ids
+from cosim.channels.jamming import CONSTANT, Jammer
 from cosim.intervals import STATES, Interval
 from cosim.machine import (
     Disconnect,
@@ -260,3 +264,53 @@ def test_who_looks_sees_what_is_under_way():
 def test_only_trains_have_ids():
     with pytest.raises(ValueError, match="'page_scan' is no train of IDs, expected one of 'inquiry' or 'page'"):
         sent_ids(Interval(0, 1, 2, 0, "page_scan", ""), 0, 1)
+
+
+# ---------------------------------------------------------------- hop sets
+
+
+def left_out(net: World) -> set[int]:
+    """Return the channels that the hop set of 0, as the air uses it, does not have."""
+    air = net.channel.air
+    return {*range(CHANNELS)} - {*air.adapted.used[0, : air.band.piconets[0, USED]].tolist()}
+
+
+@pytest.mark.slow
+def test_channels_are_told_as_left_out_while_the_hop_set_is_without_them_and_there_is_a_piconet() -> None:
+    net = connected(1, 2, t_poll_slots=16, afh=True, afh_retry_s=4)
+    over = net.kernel.now + 6 * S
+    net.channel.air.set_jammers(
+        [Jammer(0.0, 0.0, 0.0, tuple(range(30, 50)), CONSTANT, 0, 0, 0, 0, over)], net.kernel.now
+    )
+    net.channel.air.set_jam_powers(np.full((1, 3), 20.0), net.kernel.now)
+    seen = {}
+    for _ in range(160):
+        run(net, 100 * MS)
+        seen[net.kernel.now] = left_out(net)
+    assert max(map(len, seen.values())) > 10
+    assert left_out(net) == set()
+    rows = intervals(net, "afh")
+    assert {robot for _, robot, *_ in rows} == {0}
+    for now, channels in seen.items():
+        told = [detail for start, _, end, _, detail in rows if start <= now < end]
+        assert channels == {channel for detail in told for channel in channels_of(detail)}, now
+
+
+def test_what_a_piconet_leaves_out_is_told_until_its_last_link_ends() -> None:
+    net = connected(1, t_poll_slots=16, afh=True)
+    run(net, S)
+    net.channel.air.adapted.tallies[0, 1, 5] = 10
+    run(net, 2 * S)
+    net.command(0, Disconnect(1))
+    gone = net.kernel.now
+    run(net, 2 * S)
+    assert left_out(net) == {5}
+    ((start, *_, detail),) = rows = intervals(net, "afh")
+    assert detail == "channels=5"
+    assert start < rows[0][2] == max(end for _, _, end, *_ in intervals(net, "master")) <= gone + S
+
+
+def channels_of(detail: str) -> set[int]:
+    """Return the channels of a detail, channels=3-5,9."""
+    spans = [part.split("-") for part in detail.removeprefix("channels=").split(",")]
+    return {channel for span in spans for channel in range(int(span[0]), int(span[-1]) + 1)}
