@@ -331,7 +331,7 @@ def _nothing_raised(what: str) -> Iterator[None]:
         yield
     except LawError:
         raise
-    except Exception as error:  # any exception of a machine breaks the law; always re-raised
+    except Exception as error:  # that nothing at all is raised is the law; raised again as what breaks it
         raise LawError(f"{what} raised {error!r}") from error
 
 

@@ -71,7 +71,7 @@ class Reader:
     def _blamed(self, block: Block) -> Iterator[None]:
         try:
             yield
-        except Exception as error:  # whatever a block of a page does wrong; always re-raised with the block's line
+        except Exception as error:  # a block of a page may raise anything; raised again with its line
             raise PageError(f"{title(self.page)}:{block.line}: {error}") from error
 
     def _do(self, block: Block, mentioned: str) -> None:

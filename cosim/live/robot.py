@@ -149,7 +149,9 @@ class Host:
             return
         except LocalProtocolError as error:
             self._answer(Failed(str(error)))
-        except Exception:  # noqa: BLE001  # whatever a machine does wrong: only the pipe can tell the team of it
+        # a machine may raise anything, and above here is only the end of this process: the team's process is sent the
+        # traceback, and raises it
+        except Exception:  # noqa: BLE001
             self._answer(Failed(f"robot {self._robot}: its machine has failed\n\n{traceback.format_exc()}"))
 
     def _answer(self, answer: Answer) -> None:

@@ -232,7 +232,7 @@ def _evaluated(frame: pd.DataFrame, claim: Claim, column: str) -> "pd.Series[Any
         if column == "where" and not pd.api.types.is_bool_dtype(found):
             raise TypeError("is neither true nor false of each row")
         return found if column == "where" else found.astype(float)
-    except Exception as error:  # a user's expression can fail in any way in pandas; always re-raised
+    except Exception as error:  # pandas has no common type for what it raises about expressions; raised again below
         if column == "quantity" and isinstance(error, pd.errors.UndefinedVariableError):
             raise
         place, told = f"{claim.place}: {shortened(claim.id)}: {column}", shortened(error) or type(error).__name__

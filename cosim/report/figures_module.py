@@ -61,7 +61,7 @@ def _blamed(path: str, name: str = "") -> Iterator[None]:
         yield
     except UserError:
         raise
-    except Exception as error:  # a user's code can fail in any way; always re-raised with file and line
+    except Exception as error:  # the user's own code ran, which may raise anything; raised again with its line
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
         line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]
         where = f"{path}: line {line}" if line else path

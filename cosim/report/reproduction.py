@@ -64,7 +64,9 @@ class Reproduction:
             made = report(folder)
             write_page(self.folder / f"{name}.html", folder, made)
             tried.claims, tried.made, tried.error = made.claims, made, ""
-        except Exception as error:  # noqa: BLE001  # one experiment that fails must not end the others
+        # hours of other experiments are not to be lost to one that fails: its error stands in the index, and the
+        # command ends with 1
+        except Exception as error:  # noqa: BLE001
             tried.error = " ".join(
                 f"{'' if isinstance(error, UserError) else type(error).__name__ + ': '}{error}".split()
             )

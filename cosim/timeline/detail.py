@@ -84,7 +84,7 @@ def _decoded(decode: Decode | None, carried: str, routed: bool) -> Any:
     try:
         said = decode(bytes.fromhex(carried), routed)
         json.dumps(said)
-    except Exception as error:  # noqa: BLE001  # the decoder is the user's, and may be wrong: the page says so
+    except Exception as error:  # noqa: BLE001  # an installed protocol's code, for one field of a page, which shows it
         return f"cannot be decoded: {type(error).__name__}: {error}"
     return said
 

@@ -146,7 +146,9 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     run.begin()
     try:
         _play_beginning(run)
-    except Exception:  # noqa: BLE001  # a trial run only: the real one fails again, and reports why
+    # this run only has kernels compiled, and is thrown away; the one that is shown does the same again, and a page tells
+    # of its failure
+    except Exception:  # noqa: BLE001
         return
     with suppress(OSError):  # without a cache that can be written to, it is done each time
         begin(done.parent)
@@ -289,7 +291,8 @@ class Live:
                     self._end()
                 spent = time.monotonic() - begun
                 self._closing.wait(max(0.001, _PERIOD_S - spent))
-        except Exception as error:  # noqa: BLE001  # nobody could catch it in this thread: the page shows it
+        # a machine may raise anything, and a thread has no caller: the pages show it, and the run counts as failed
+        except Exception as error:  # noqa: BLE001
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
@@ -297,7 +300,8 @@ class Live:
         self._failure = f"{type(error).__name__}: {error}"
         try:
             self._publish()
-        except Exception:  # noqa: BLE001  # the first error is reported; the broken run may raise more
+        # a run that has failed half way may fail again when it is looked at; what is told is why it failed first
+        except Exception:  # noqa: BLE001
             with self._lock:
                 self._moment = self._moment._replace(state=self._state(), why=self._failure)
 
