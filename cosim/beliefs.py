@@ -13,8 +13,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 import cosim.elementary as elementary
-from cosim.arrays import Int64s
 from cosim.protocol import Belief, CellMap, PoseEstimate
+from cosim.ranges import ranges_of
 from cosim.robots.senses import WORLD_FRAME, Frame, Senses
 from cosim.trace import BELIEFS, ESTIMATES, MAPS, WAYS, Trace
 from cosim.units import Time
@@ -88,8 +88,8 @@ class Beliefs:
         now_are = states.flat[changed]
         rows, columns = states.shape
         corner = in_world(frame, known.corner_m)
-        runs = (runs_of(changed[now_are == state]) for state in _STATES)
-        self._trace.row(MAPS, now, source, *corner, frame[2], known.cell_m, columns, rows, *runs)
+        cells = (ranges_of(changed[now_are == state]) for state in _STATES)
+        self._trace.row(MAPS, now, source, *corner, frame[2], known.cell_m, columns, rows, *cells)
 
     def _note_way(self, robot: int, belief: Belief, frame: Frame, now: Time) -> None:
         goal = (None, None) if belief.goal_m is None else in_world(frame, belief.goal_m)
@@ -127,24 +127,7 @@ def _placed(estimate: PoseEstimate, frame: Frame) -> tuple[float | None, ...]:
     return *place, cos * cos * xx - across + sin * sin * yy, turned_xy, sin * sin * xx + across + cos * cos * yy
 
 
-# ---------------------------------------------------------------- columns of text
-
-
-def runs_of(cells: Int64s) -> str:
-    """Return ascending *cells* as runs: ``3-7 9``."""
-    if not len(cells):
-        return ""
-    ends = np.flatnonzero(np.diff(cells) != 1)
-    firsts, lasts = cells[np.concatenate([[0], ends + 1])], cells[np.concatenate([ends, [len(cells) - 1]])]
-    both = zip(firsts.tolist(), lasts.tolist(), strict=True)
-    return " ".join(f"{first}-{last}" if last > first else str(first) for first, last in both)
-
-
-def cells_of(runs: str) -> Int64s:
-    """Return the cells that ``runs_of`` has made *runs* of."""
-    spans = (run.partition("-") for run in runs.split())
-    cells = [np.arange(int(first), int(last or first) + 1) for first, _, last in spans]
-    return np.concatenate(cells) if cells else np.empty(0, dtype=np.int64)
+# ---------------------------------------------------------------- ways
 
 
 def corners_of(way_m: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -67,17 +67,6 @@ STATES: Final[dict[str, str]] = {
 """All states, with their meanings, by what they are of."""
 
 
-def ranges_of(channels: Sequence[int]) -> str:
-    """Return *channels*, in their order, with those that follow each other as ranges: 0-3,7,5."""
-    ranges: list[list[int]] = []
-    for channel in channels:
-        if ranges and channel == ranges[-1][-1] + 1:
-            ranges[-1][1:] = [channel]
-        else:
-            ranges.append([channel])
-    return ",".join("-".join(map(str, ends)) for ends in ranges)
-
-
 class Interval(NamedTuple):
     """A row of the table."""
 

@@ -17,7 +17,6 @@ from cosim.beliefs import Beliefs
 from cosim.channels.base import WHY_UNSENT, Channel
 from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
-from cosim.courses import Courses
 from cosim.errors import LocalProtocolError, UserError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
@@ -35,6 +34,7 @@ from cosim.robots.placement import checked_starts, misfit
 from cosim.robots.senses import WORLD_FRAME, Frame, Senses
 from cosim.robots.trajectories import Paths, load_paths
 from cosim.scenario import Scenario, TeamSettings
+from cosim.series import MetricSeries
 from cosim.trace import POSES, Table, Trace, events_table
 from cosim.units import Time, to_seconds
 from cosim.world.floorplan import Floorplan, load_floorplan
@@ -133,7 +133,7 @@ class Simulation:
         victims = Victims(self.nodes, self.channel, self.fleet, self.senses, self.floorplan, boot)
         self.faults = Faults(scenario.faults, self.kernel, victims, self.trace, streams)
         self.faults.schedule(scenario.duration)
-        self._courses = Courses(self.trace, self.spec, self.referee, self.faults.energy_j)
+        self._series = MetricSeries(self.trace, self.spec, self.referee, self.faults.energy_j)
         self.over = False
         """Nothing more happens: all machines have finished, the referee has ended the run, or its time is over."""
         self.attended = False
@@ -275,7 +275,7 @@ class Simulation:
         for death in self.faults.deaths():
             self.referee.died(death)
         over = self.referee.look(self.fleet.x_m, self.fleet.y_m, now)
-        self._courses.look(now)
+        self._series.look(now)
         if over or not self._anybody_busy():
             self._ticks.cancel()
             self.over = True
@@ -326,7 +326,7 @@ class Simulation:
         for death in self.faults.deaths(run_is_over=True):
             self.referee.died(death)
         verdict = self.referee.verdict(now)
-        self._courses.note(verdict, now)
+        self._series.note(verdict, now)
         metrics = {
             "simulated_s": simulated_s,
             "distance_m": self._distance_m,

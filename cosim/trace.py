@@ -192,7 +192,7 @@ CALLS: Final = Table(
 MAPS: Final = Table(
     "maps",
     "maps that machines have made, a row for each tick at which one has changed: the cells that have; a cell is the "
-    "number row * columns + column, and a run of them first-last",
+    "number row * columns + column, and those that follow each other are ranges: 3-7,9",
     (
         _TIME,
         Field("source", "int", "", "whose map it is; -1 for the one that all robots have in common"),

@@ -15,13 +15,13 @@ PACKAGES = ("cosim", "protocols", "experiments")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 LINES = (
-    "units errors arrays caches sources processes jit elementary installed page",
+    "units errors arrays ranges caches sources processes jit elementary installed page",
     "randomness settings geometry documents statistics",
     "observation machine protocol navigation",
     "trace intervals kernel",
     "world",
     "robots channels",
-    "node faults scenario decoding beliefs courses simulation columns parts results upkeep experiment sweep cluster",
+    "node faults scenario decoding beliefs series simulation columns parts results upkeep experiment sweep cluster",
     "timeline report export web picture testing parallel env pins warm live data_dictionary console cli_pictures "
     "cli_sweeps cli __main__",
 )

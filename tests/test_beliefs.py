@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import shapely
 
-from cosim.beliefs import cells_of, corners_of, points_of, runs_of, way_of
+from cosim.beliefs import corners_of, points_of, way_of
 from cosim.documents import read_yaml
 from cosim.scenario import Scenario, build
 from cosim.simulation import Simulation
@@ -85,7 +85,7 @@ def grown(maps: pd.DataFrame, source: int, until: Time) -> np.ndarray[Any, Any]:
     cells = np.zeros((own["rows"].iloc[0], own["columns"].iloc[0]), dtype=int)
     for row in own.itertuples():
         for runs, state in ((row.unknown, 0), (row.empty, -1), (row.occupied, 1)):
-            for run in runs.split():
+            for run in filter(None, runs.split(",")):
                 first, _, last = run.partition("-")
                 cells.flat[int(first) : int(last or first) + 1] = state
     return cells
@@ -264,14 +264,6 @@ def test_a_team_that_has_covered_all_knows_all():
     reachable = run.machines[0].application.coordination.view.setup.grid.reachable
     assert [set(np.flatnonzero(cells < 0)) for cells in known] == [set(np.flatnonzero(reachable))] * len(known)
     assert not any((cells > 0).any() for cells in known)
-
-
-@pytest.mark.parametrize(
-    ("cells", "runs"), [([], ""), ([4], "4"), ([1, 2, 3], "1-3"), ([0, 2, 3, 7, 8, 9, 11], "0 2-3 7-9 11")]
-)
-def test_cells_are_written_as_runs(cells: list[int], runs: str):
-    assert runs_of(np.array(cells, dtype=np.int64)) == runs
-    assert cells_of(runs).tolist() == cells
 
 
 @pytest.mark.parametrize("text", ["", "0.500 1.250", "0.500 1.250, -2.000 0.001"])

@@ -7,8 +7,8 @@ import numpy as np
 
 from cosim.arrays import Int64s
 from cosim.export.recording import Recording
+from cosim.timeline.assembly import Assembly
 from cosim.timeline.codes import CUT, Codes
-from cosim.timeline.gathering import Gathering
 from cosim.timeline.lanes import Boxes
 from cosim.timeline.rows import SOURCES, columns_of, names_of
 from cosim.trace import TRANSMISSIONS
@@ -47,18 +47,18 @@ class Lane(NamedTuple):
 
 def lanes(recording: Recording) -> list[Lane]:
     """Return the lanes of *recording* that have boxes, robot by robot; states that overlap stand in one lane."""
-    gathering = Gathering()
+    assembly = Assembly()
     for table in SOURCES:
         if recording.count(table):
             lists = {name: recording.column(table, name).tolist() for name in names_of(table, recording.names(table))}
-            gathering.add(table, columns_of(table, lists), 0)
-    made = [lane for lane in gathering.lanes() if lane.named.what in ORDER and len(lane.boxes.starts)]
+            assembly.add(table, columns_of(table, lists), 0)
+    made = [lane for lane in assembly.lanes() if lane.named.what in ORDER and len(lane.boxes.starts)]
     found = []
     for (robot, radio, what, table), parts in groupby(made, key=lambda lane: (*lane.named[:3], lane.table)):
         columns = [np.concatenate(column) for column in zip(*(part.boxes for part in parts), strict=True)]
         boxes = Boxes(*columns)
         boxes = boxes.taken(np.lexsort((boxes.rows, boxes.starts)))
-        found.append(_worded((robot, radio, what, table), boxes, gathering.codes, recording))
+        found.append(_worded((robot, radio, what, table), boxes, assembly.codes, recording))
     return sorted(found, key=lambda lane: (lane.robot % (1 << 62), lane.radio, ORDER.index(lane.what)))
 
 

@@ -12,8 +12,9 @@ from cosim.errors import UserError
 from cosim.faults.events import JammerOff, JammerOn, WallDown, WallUp
 from cosim.faults.instants import Agenda, Happening, Span, lasting
 from cosim.faults.settings import JammerSettings, WallSettings
-from cosim.intervals import JAMMER, Intervals, ranges_of
+from cosim.intervals import JAMMER, Intervals
 from cosim.kernel import Kernel
+from cosim.ranges import ranges_of
 from cosim.trace import Trace
 from cosim.units import Time
 

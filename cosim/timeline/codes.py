@@ -50,6 +50,8 @@ _GROUPS: Final = {
 }
 CHANNEL: Final = "channel"
 PICONET: Final = "piconet"
+SLAVE: Final = "slave"
+"""The state of a link at the member of a piconet that is not its master."""
 RECEIVED: Final = "received"
 CUT: Final = "cut"
 """The outcome of a transmission whose sender fell silent before its end."""
@@ -78,6 +80,10 @@ class Codes:
     def outcome(self, name: str, part: str = "") -> int:
         """Return the code of the outcome *name* of a frame whose *part* failed first."""
         return self._outcomes.setdefault((name, part), min(len(self._outcomes), 0xFF))
+
+    def code_of(self, group: str, name: str) -> int | None:
+        """Return the code of the kind *name* of *group*; None if there was none of it."""
+        return self._kinds.get((group, name))
 
     @property
     def kinds(self) -> list[tuple[str, str]]:

@@ -2,7 +2,7 @@
 
 A count is per second, and 0 where nothing was. A level is the mean over the part's time of how many boxes there were.
 A duration is the mean of those that ended in the part, with the least and the greatest; without any there is none.
-The course of a metric is the mean over the part's time, with the least and the greatest.
+The one of a metric is the mean over the part's time, with the least and the greatest.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,13 +11,13 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.timeline.codes import EVENT, STATE, Codes
+from cosim.timeline.assembly import lost_codes
+from cosim.timeline.codes import EVENT, SLAVE, STATE, Codes
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.units import S, Time
 
 _BLOCK: Final = 4096
 """Boxes that are looked at together for the packet before the window."""
-_SLAVE: Final = "slave"
 
 
 class Curve(NamedTuple):
@@ -40,7 +40,7 @@ class Values(NamedTuple):
     most: Array | None = None
 
 
-class Course(NamedTuple):
+class Series(NamedTuple):
     """A metric over time, as a step function."""
 
     times: Array
@@ -50,7 +50,7 @@ class Course(NamedTuple):
     unit: str
 
 
-Courses: TypeAlias = Mapping[tuple[int, str], Course]
+SeriesOfRun: TypeAlias = Mapping[tuple[int, str], Series]
 """Metrics over time by robot, -1 for those of the team, and name."""
 _TEAM: Final = -1
 
@@ -78,19 +78,19 @@ class Drawn(NamedTuple):
 
     lanes: Sequence[Lane]
     codes: Codes
-    courses: Courses = MappingProxyType({})
+    series: SeriesOfRun = MappingProxyType({})
 
 
 def curves(drawn: Drawn) -> list[Curve]:
     """Return the curves that there are."""
     there = {lane.named.what for lane in drawn.lanes}
     found = [each for what, each in _OF_LANES if what in there]
-    links = (STATE, _SLAVE) in drawn.codes.kinds
+    links = drawn.codes.code_of(STATE, SLAVE) is not None
     found += [_POLLS] if links and "sent" in there else []
     kinds = drawn.codes.kinds
     found += [_of_state(name) for group, name in kinds if group == STATE]
     found += [_of_event(name) for group, name in kinds if group == EVENT]
-    metrics = {name: (course.unit, robot != _TEAM) for (robot, name), course in drawn.courses.items()}
+    metrics = {name: (series.unit, robot != _TEAM) for (robot, name), series in drawn.series.items()}
     return found + [_of_metric(name, *about) for name, about in metrics.items()]
 
 
@@ -109,7 +109,7 @@ _POLLS: Final = Curve(
 
 
 def _of_state(name: str) -> Curve:
-    meaning = f"how many were in the state {name}, over the time; of a robot, the share of it"
+    meaning = f"how many intervals of the state {name} there were, over the time; of a robot, of its own"
     return Curve(f"{STATE}:{name}", name.replace("_", " "), "1", meaning)
 
 
@@ -126,13 +126,13 @@ def values(name: str, drawn: Drawn, parts: Parts, robot: int | None) -> Values |
     """Return the curve *name* of the team, or of a *robot*; None if there is none of that name."""
     group, _, kind = name.partition(":")
     if group == "metric":
-        course = _chosen(drawn.courses, kind, robot)
-        return None if course is None else _course(course.times, course.values, parts)
+        series = _chosen(drawn.series, kind, robot)
+        return None if series is None else _averaged(series, parts)
     lanes = [lane for lane in drawn.lanes if robot is None or lane.named.robot == robot]
     if name == _POLLS.name:
         return _gaps(drawn, lanes, parts)
     make = _MAKERS.get(name if not kind else group)
-    code = drawn.codes.kinds.index((group, kind)) if (group, kind) in drawn.codes.kinds else None
+    code = drawn.codes.code_of(group, kind)
     if make is None or (kind and code is None):
         return None
     return make(lanes, parts, drawn.codes, code)
@@ -161,7 +161,7 @@ def _delivered(lanes: Sequence[Lane], parts: Parts, codes: Codes, code: int | No
 
 
 def _lost(lanes: Sequence[Lane], parts: Parts, codes: Codes, code: int | None) -> Values:
-    lost = np.array(codes.lost)
+    lost = lost_codes(codes)
     return _counted(_of(lanes, "received"), parts, lambda boxes: lost[boxes.outcomes])
 
 
@@ -223,7 +223,7 @@ _MAKERS: Final[dict[str, Callable[[Sequence[Lane], Parts, Codes, int | None], Va
 
 def _gaps(drawn: Drawn, lanes: Sequence[Lane], parts: Parts) -> Values:
     """Return the gaps between packets from masters to the robots of *lanes*, their slaves, by where they end."""
-    slave = drawn.codes.kinds.index((STATE, _SLAVE)) if (STATE, _SLAVE) in drawn.codes.kinds else -1
+    slave = drawn.codes.code_of(STATE, SLAVE)
     sent = {lane.named[:2]: lane for lane in _of(drawn.lanes, "sent")}
     ends, lengths = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for lane in _of(lanes, "states"):
@@ -268,7 +268,7 @@ def _mean(times: Array, lengths: Array, parts: Parts) -> Values:
 # ---------------------------------------------------------------- metrics
 
 
-def courses_of(columns: Mapping[str, Sequence[Any]]) -> Courses:
+def series_of(columns: Mapping[str, Sequence[Any]]) -> SeriesOfRun:
     """Return the metrics over time that the rows of the table ``metrics`` are, sorted by time."""
     found: dict[tuple[int, str], tuple[list[int], list[float], str]] = {}
     names = ("time_ns", "source", "metric", "value", "unit")
@@ -277,33 +277,34 @@ def courses_of(columns: Mapping[str, Sequence[Any]]) -> Courses:
         times.append(time)
         values.append(value)
     return {
-        key: Course(np.array(times, dtype=np.int64), np.array(values, dtype=np.float64), unit)
+        key: Series(np.array(times, dtype=np.int64), np.array(values, dtype=np.float64), unit)
         for key, (times, values, unit) in found.items()
     }
 
 
-def _chosen(courses: Courses, name: str, robot: int | None) -> Course | None:
+def _chosen(all_series: SeriesOfRun, name: str, robot: int | None) -> Series | None:
     """Return the metric *name* of a *robot* if each has its own, else of the team: its own, or that of all together."""
-    one = courses.get((_TEAM, name)) or (None if robot is None else courses.get((robot, name)))
-    parts = [course for (of, each), course in courses.items() if each == name and of != _TEAM]
-    if one is not None or robot is not None or not parts:
-        return one
-    times = np.unique(np.concatenate([course.times for course in parts]))
-    total = np.sum([_held(course.times, course.values, times) for course in parts], axis=0)
-    return Course(times, total, parts[0].unit)
+    found = all_series.get((_TEAM, name)) or (None if robot is None else all_series.get((robot, name)))
+    parts = [series for (of, each), series in all_series.items() if each == name and of != _TEAM]
+    if found is not None or robot is not None or not parts:
+        return found
+    times = np.unique(np.concatenate([part.times for part in parts]))
+    total = np.sum([_held(part, times) for part in parts], axis=0)
+    return Series(times, total, parts[0].unit)
 
 
-def _held(times: Array, course: Array, at: Array) -> Array:
+def _held(series: Series, at: Array) -> Array:
     """Return what a metric is *at* instants; NaN before it is known."""
-    which = np.searchsorted(times, at, side="right") - 1
-    return np.where(which >= 0, course[which], np.nan)
+    which = np.searchsorted(series.times, at, side="right") - 1
+    return np.where(which >= 0, series.values[which], np.nan)
 
 
-def _course(times: Array, course: Array, parts: Parts) -> Values:
+def _averaged(series: Series, parts: Parts) -> Values:
+    """Return the mean over the time of each part in which the metric is known, with the least and the greatest."""
     edges = parts.edges
-    inside = times[np.searchsorted(times, edges[0], side="right") : np.searchsorted(times, edges[-1])]
-    points = np.union1d(edges, inside)
-    held = _held(times, course, points[:-1])
+    first, end = np.searchsorted(series.times, edges[0], side="right"), np.searchsorted(series.times, edges[-1])
+    points = np.union1d(edges, series.times[first:end])
+    held = _held(series, points[:-1])
     known = ~np.isnan(held)
     firsts = np.searchsorted(points[:-1], edges[:-1])
     lengths = np.where(known, np.diff(points), 0)

@@ -15,10 +15,10 @@ import numpy as np
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.errors import UserError
 from cosim.intervals import Interval
+from cosim.timeline.assembly import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.codes import PICONET, STATE, Codes
-from cosim.timeline.curves import Courses, courses_of
+from cosim.timeline.curves import SeriesOfRun, series_of
 from cosim.timeline.detail import Row
-from cosim.timeline.gathering import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
 from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
@@ -186,9 +186,9 @@ class Growing:
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
         self._sensing = Sensing(radios, self.codes, self._several)
-        self._courses: Courses = {}
-        self._coursed = 0, 0
-        """First row and number of the rows that the courses are of."""
+        self._series: SeriesOfRun = {}
+        self._series_of = 0, 0
+        """First row and number of the rows that the series are of."""
 
     def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time) -> None:
         """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*."""
@@ -215,13 +215,13 @@ class Growing:
         return row
 
     @property
-    def courses(self) -> Courses:
+    def series(self) -> SeriesOfRun:
         """Metrics over time."""
         table = self._tables.get(METRICS.name)
-        if table is not None and self._coursed != (table.first, len(table)):
-            self._coursed = table.first, len(table)
-            self._courses = courses_of(table.columns)
-        return self._courses
+        if table is not None and self._series_of != (table.first, len(table)):
+            self._series_of = table.first, len(table)
+            self._series = series_of(table.columns)
+        return self._series
 
     def at(self, table: str, time: Time) -> list[Row]:
         """Return the rows of *table* of that *time*."""

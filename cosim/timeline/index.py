@@ -17,9 +17,9 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.errors import UserError
+from cosim.timeline.assembly import Assembly, lost_codes
 from cosim.timeline.codes import Codes, Named
 from cosim.timeline.detail import Row
-from cosim.timeline.gathering import Gathering, lost_codes
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane
 from cosim.timeline.levels import ENTRY_DTYPES, Entries, Levels, levels_of
 from cosim.timeline.rows import SOURCES, names_of
@@ -93,28 +93,28 @@ def made(folder: Path, told: Told = lambda done, total: None) -> Index:
     files = {table: TableFile(folder / f"{table}.parquet") for table in stamp_of(folder)}
     rows = sum(map(len, files.values()))
     total, done = 2 * rows, 0  # to read them, and to sum up their boxes
-    gathering = Gathering()
+    assembly = Assembly()
     for table in SOURCES:
         if table in files:
             first = 0
             for columns in files[table].groups(names_of(table, files[table].names)):
-                gathering.add(table, columns, first)
+                assembly.add(table, columns, first)
                 count = len(columns[SOURCES[table][0]])
                 first, done = first + count, done + count
                 told(done, total)
-    lanes = gathering.lanes()
+    lanes = assembly.lanes()
     if TRANSMISSIONS.name in files and (radios := radios_of(files[TRANSMISSIONS.name].metadata)):
         paths = {name: folder / f"{name}.parquet" for name in SENSED_FROM}
         tables = {name: columns_of(TableFile(path), name) for name, path in paths.items() if path.is_file()}
-        more = sensed(tables, radios, gathering.codes, gathering.several)
+        more = sensed(tables, radios, assembly.codes, assembly.several)
         lanes = sorted([*lanes, *more], key=lambda lane: lane.named.place)
-    lost = lost_codes(gathering.codes)
+    lost = lost_codes(assembly.codes)
     boxes, summed = max(1, sum(len(lane.boxes.starts) for lane in lanes)), 0
     for lane in lanes:
         lane.levels = levels_of(lane.boxes, lost)
         summed += len(lane.boxes.starts)
         told(rows + rows * summed // boxes, total)
-    return Index(lanes, gathering.codes)
+    return Index(lanes, assembly.codes)
 
 
 def write(index: Index, place: Path, stamp: dict[str, list[int]]) -> None:

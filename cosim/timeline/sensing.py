@@ -15,8 +15,8 @@ from cosim.arrays import Bools, Int64s
 from cosim.channels.adhoc.carrier import carrier, places
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.machine import BROADCAST, Address
+from cosim.timeline.assembly import lane_of
 from cosim.timeline.codes import BUSY, NAV, STATE, Codes, Named
-from cosim.timeline.gathering import lane_of
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane
 from cosim.timeline.rows import RADIO, peers_of
 from cosim.trace import RECEPTIONS, TRANSMISSIONS, TableFile

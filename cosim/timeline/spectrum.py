@@ -6,14 +6,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.timeline.codes import CHANNEL, STATE, Codes
+from cosim.ranges import pairs_of
+from cosim.timeline.codes import CHANNEL, SLAVE, STATE, Codes
 from cosim.timeline.detail import Tables
 from cosim.timeline.lanes import Array, Lane
 from cosim.units import Time
 
 MOST_AREAS: Final = 500
 """Maximum number of areas that are told of: the first ones."""
-_JAMMED, _SLAVE = "jammer", "slave"
+_JAMMED: Final = "jammer"
 _AREAS: Final = ("afh", _JAMMED)
 _CHANNELS: Final = re.compile(r"\bchannels=([0-9,-]+)")
 
@@ -68,7 +69,7 @@ def areas(
 
 def _masters(lanes: Sequence[Lane], codes: Codes, window: tuple[Time, Time], robot: int) -> set[int]:
     """Return the masters of the piconets to which *robot* belongs in the *window*, itself included."""
-    slave = codes.kinds.index((STATE, _SLAVE)) if (STATE, _SLAVE) in codes.kinds else -1
+    slave = codes.code_of(STATE, SLAVE)
     found = {robot}
     for lane in lanes:
         if lane.named.what == "states" and lane.named.robot == robot:
@@ -80,10 +81,7 @@ def _masters(lanes: Sequence[Lane], codes: Codes, window: tuple[Time, Time], rob
 def ranges_in(detail: str) -> list[list[int]]:
     """Return first and last channel of each range that the *detail* of an interval names."""
     found = _CHANNELS.search(detail)
-    if found is None:
-        return []
-    pairs = (part.split("-") for part in found[1].split(","))
-    return [[int(pair[0]), int(pair[-1])] for pair in pairs]
+    return [] if found is None else pairs_of(found[1])
 
 
 def tallies(lanes: Sequence[Lane], lost: Array, window: tuple[Time, Time]) -> list[Tally]:

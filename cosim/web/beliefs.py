@@ -13,8 +13,9 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 
 from cosim.arrays import Int64s
-from cosim.beliefs import COMMON, ODOMETRY, cells_of, runs_of, way_of
+from cosim.beliefs import COMMON, ODOMETRY, way_of
 from cosim.errors import UserError
+from cosim.ranges import numbers_of, ranges_of
 from cosim.trace import ESTIMATES, MAPS, WAYS, StoredTable, Table
 from cosim.units import Time
 from cosim.web.messages import Plain
@@ -83,7 +84,7 @@ class KnownMap:
         if grid != self.grid:
             self.grid, self.states = grid, np.zeros(grid.columns * grid.rows, dtype=np.int8)
         for column, state in _STATES:
-            self.states[cells_of(row[column])] = state
+            self.states[numbers_of(row[column])] = state
         self.changes += 1
 
     def copy(self) -> "KnownMap":
@@ -101,7 +102,7 @@ def together(robot: int, parts: Sequence[tuple[int, KnownMap]]) -> Plain:
         return message
     empty, occupied = (np.any([known.states == state for _, known in parts], axis=0) for state in (-1, 1))
     cells = {"empty": empty & ~occupied, "occupied": occupied}
-    return message | grid._asdict() | {name: runs_of(np.flatnonzero(mask)) for name, mask in cells.items()}
+    return message | grid._asdict() | {name: ranges_of(np.flatnonzero(mask)) for name, mask in cells.items()}
 
 
 def sources_of(robot: int, known: Iterable[int]) -> list[int]:

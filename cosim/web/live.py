@@ -146,8 +146,8 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     run.begin()
     try:
         _play_beginning(run)
-    # this run only has kernels compiled, and is thrown away; the one that is shown does the same again, and a page tells
-    # of its failure
+    # this run only has kernels compiled, and is thrown away; the one that is shown does the same again, and its failure
+    # is told
     except Exception:  # noqa: BLE001
         return
     with suppress(OSError):  # without a cache that can be written to, it is done each time

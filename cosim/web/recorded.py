@@ -15,7 +15,7 @@ from cosim.decoding import decoded
 from cosim.documents import is_file
 from cosim.errors import CosimError, UserError
 from cosim.scenario import Scenario, protocol_names
-from cosim.timeline.curves import courses_of
+from cosim.timeline.curves import series_of
 from cosim.timeline.detail import Decode
 from cosim.timeline.index import Told, opened
 from cosim.trace import METRICS, StoredTable, TableFile
@@ -82,8 +82,8 @@ class Recorded:
             self._scene["marks"] = marks_of(*(events.column(name) for name in ("time_ns", "source", "event")))
         self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
         metrics = _table(folder, METRICS.name, StoredTable)
-        courses = {} if metrics is None else courses_of(_columns(metrics))
-        self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata), courses)
+        series = {} if metrics is None else series_of(_columns(metrics))
+        self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata), series)
         self._scanner = cache(lambda: Scanner(self._scene))
         self.clock = Clock(end, wall, playing)
         """Its time; a run beside it may go by the same."""

@@ -32,10 +32,10 @@ from pydantic import Field
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
+from cosim.timeline.assembly import lost_codes, span_of
 from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, ORDER, PICONET, Codes
-from cosim.timeline.curves import Courses, Drawn, Parts, curves, values
+from cosim.timeline.curves import Drawn, Parts, SeriesOfRun, curves, values
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
-from cosim.timeline.gathering import lost_codes, span_of
 from cosim.timeline.growing import Growing, Rows
 from cosim.timeline.index import Files, Index
 from cosim.timeline.lanes import Array, Boxes, Lane
@@ -287,10 +287,10 @@ class Kept:
     """The timeline of a recorded run."""
 
     def __init__(
-        self, index: Index, folder: Path, decode: Decode | None = None, courses: Courses = MappingProxyType({})
+        self, index: Index, folder: Path, decode: Decode | None = None, series: SeriesOfRun = MappingProxyType({})
     ) -> None:
         self.index = index
-        drawn = Drawn(index.lanes, index.codes, courses)
+        drawn = Drawn(index.lanes, index.codes, series)
         self._answers = Answers(drawn, Files(folder), decode)
         self._message = lanes_message(drawn, *span_of(index.lanes))
         self._lock = Lock()
@@ -324,18 +324,18 @@ class Grown:
         with self._lock:
             growing = self._growing
             lanes, codes = growing.lanes, growing.codes
-            courses = growing.courses
-            news = len(lanes), len(codes.kinds), len(codes.outcomes), growing.forgotten, len(courses)
+            series = growing.series
+            news = len(lanes), len(codes.kinds), len(codes.outcomes), growing.forgotten, len(series)
             if news == known:
                 return None, known
             first = span_of(lanes)[0] if growing.forgotten else 0
-            return lanes_message(Drawn(lanes, codes, courses), first, growing.now, growing.forgotten), news
+            return lanes_message(Drawn(lanes, codes, series), first, growing.now, growing.forgotten), news
 
     def answer(self, question: Question) -> bytes | Row:
         """Answer a page; raise UserError, one line, for what cannot be asked."""
         with self._lock:
             growing = self._growing
-            drawn = Drawn(growing.lanes, growing.codes, growing.courses)
+            drawn = Drawn(growing.lanes, growing.codes, growing.series)
             return Answers(drawn, growing, self._decode).answer(question)
 
 

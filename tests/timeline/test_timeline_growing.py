@@ -17,8 +17,8 @@ from cosim.intervals import Interval
 from cosim.scenario import load
 from cosim.simulation import Simulation
 from cosim.timeline import growing, levels
+from cosim.timeline.assembly import lanes_of, lost_codes
 from cosim.timeline.codes import Codes
-from cosim.timeline.gathering import lanes_of, lost_codes
 from cosim.timeline.growing import Growing
 from cosim.timeline.lanes import Lane
 from cosim.timeline.window import cells

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from cosim.timeline import index, levels
-from cosim.timeline.gathering import lanes_of
+from cosim.timeline.assembly import lanes_of
 from cosim.timeline.index import FILE, FOLDER, Index, opened
 from cosim.timeline.lanes import Boxes
 from cosim.web.recorded import Recorded

@@ -73,7 +73,7 @@ def states_of(message: Plain) -> np.ndarray[Any, Any]:
     """Return the cells of a message ``map``."""
     cells = np.zeros((message["rows"], message["columns"]), dtype=int)
     for name, state in (("empty", -1), ("occupied", 1)):
-        for run in message[name].split():
+        for run in filter(None, message[name].split(",")):
             first, _, last = run.partition("-")
             cells.flat[int(first) : int(last or first) + 1] = state
     return cells

@@ -13,7 +13,7 @@ from cosim.intervals import Interval
 from cosim.scenario import load
 from cosim.simulation import Simulation
 from cosim.timeline.codes import Codes
-from cosim.timeline.curves import Drawn, Parts, courses_of, curves, values
+from cosim.timeline.curves import Drawn, Parts, curves, series_of, values
 from cosim.timeline.growing import Growing
 from cosim.timeline.index import opened
 from cosim.timeline.spectrum import areas
@@ -239,8 +239,8 @@ def test_a_metric_is_the_mean_of_its_steps_over_the_time(folder: Path):
 def test_a_metric_of_robots_is_that_of_the_chosen_one_or_the_sum():
     rows = [(0, 0, "battery_j", 5.0, "J"), (10, 1, "battery_j", 7.0, "J"), (20, 0, "battery_j", 1.0, "J")]
     names = ("time_ns", "source", "metric", "value", "unit")
-    courses = courses_of(dict(zip(names, zip(*rows, strict=True), strict=True)))
-    drawn = Drawn([], Codes(), courses)
+    series = series_of(dict(zip(names, zip(*rows, strict=True), strict=True)))
+    drawn = Drawn([], Codes(), series)
     assert [(each.name, each.unit) for each in curves(drawn)] == [("metric:battery_j", "J")]
     for robot, expected in ((0, [5, 5, 1]), (1, [np.nan, 7, 7]), (None, [np.nan, 12, 8]), (2, None)):
         found = values("metric:battery_j", drawn, Parts(0, 10, 3), robot)

@@ -44,8 +44,9 @@ from cosim.channels.bluetooth.polling import (
 )
 from cosim.channels.bluetooth.transport import Transport
 from cosim.errors import LocalProtocolError
-from cosim.intervals import Intervals, ranges_of
+from cosim.intervals import Intervals
 from cosim.machine import Address, Mode
+from cosim.ranges import ranges_of
 from cosim.trace import Trace
 from cosim.units import SLOT, Time
 

@@ -119,11 +119,11 @@ export class Maps {
   }
 }
 
-/** The cells of runs as in "3-7 9". */
-function cells_of(runs = "") {
+/** The cells of ranges as in "3-7,9". */
+function cells_of(ranges = "") {
   const cells = [];
-  for (const run of runs.split(" ").filter(Boolean)) {
-    const [first, last = first] = run.split("-").map(Number);
+  for (const range of ranges.split(",").filter(Boolean)) {
+    const [first, last = first] = range.split("-").map(Number);
     for (let cell = first; cell <= last; cell += 1) cells.push(cell);
   }
   return cells;

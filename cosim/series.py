@@ -18,7 +18,7 @@ BATTERY = "battery_j"
 """Energy that is left in the battery of a robot."""
 
 
-class Courses:
+class MetricSeries:
     """Writes down, at the first tick of each second and at the end, which metrics have changed."""
 
     def __init__(

@@ -32,7 +32,7 @@ OF_SENDERS: Final = ("sent", CHANNEL)
 """Lanes of transmissions, or of frames where there are no rows of these."""
 
 
-class Gathering:
+class Assembly:
     """Takes the tables of a run, a group of rows at a time, and makes lanes of them."""
 
     def __init__(self) -> None:
@@ -85,14 +85,14 @@ def lanes_of(trace: Trace) -> tuple[list[Lane], Codes]:
 
     Rows are numbered as in the files that the trace writes.
     """
-    gathering = Gathering()
+    assembly = Assembly()
     for table in SOURCES:
         if table in trace.tables:
-            gathering.add(table, by_time(trace, table), 0)
-    lanes = gathering.lanes()
+            assembly.add(table, by_time(trace, table), 0)
+    lanes = assembly.lanes()
     for lane in lanes:
-        lane.levels = levels_of(lane.boxes, lost_codes(gathering.codes))
-    return lanes, gathering.codes
+        lane.levels = levels_of(lane.boxes, lost_codes(assembly.codes))
+    return lanes, assembly.codes
 
 
 def span_of(lanes: Sequence[Lane]) -> tuple[Time, Time]:

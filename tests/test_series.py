@@ -6,14 +6,14 @@ from typing import Any
 
 import pytest
 
-from cosim.courses import Courses
 from cosim.errors import LocalProtocolError
 from cosim.scenario import Scenario, protocol_names, protocol_spec
+from cosim.series import MetricSeries
 from cosim.simulation import Outcome, simulate
 from cosim.trace import METRICS, POSES, Trace
 
 SCENARIO: dict[str, Any] = {
-    "name": "courses",
+    "name": "series",
     "duration_s": 21,
     "floorplan": {"map": "office", "office": {"width_m": 12.0, "depth_m": 9.0, "rooms": 4}},
     "team": {"size": 3},
@@ -85,4 +85,4 @@ def test_a_protocol_names_metrics_of_its_own(name: str):
 def test_a_name_that_is_no_metric_is_refused():
     spec = replace(protocol_spec("pseudonet"), over_time=("coverage", "speed"))
     with pytest.raises(LocalProtocolError, match="pseudonet: over_time names 'speed'"):
-        Courses(Trace([METRICS]), spec, Any, dict)  # type: ignore[arg-type]
+        MetricSeries(Trace([METRICS]), spec, Any, dict)  # type: ignore[arg-type]
