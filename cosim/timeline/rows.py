@@ -218,7 +218,14 @@ class Maker:
                 for row, detail in zip(spans, details, strict=True)
             ]  # fmt: skip
         kinds, rows = self._kinds(STATE, columns["state"]), _numbers(first, starts)
-        boxes = Boxes(starts, ends, kinds, _zeros(starts), rows, _partners(columns["state"], columns["detail"]))
+        boxes = Boxes(
+            starts,
+            ends,
+            kinds,
+            _zeros(starts),
+            rows,
+            peers_of(_robots_in(columns["state"], columns["detail"], LINKED, _PARTNER)),
+        )
         made = Made("states", robots, radios, np.array(stacked, dtype=np.int64), boxes)
         return [made, _in_piconets(columns, boxes)]
 
@@ -251,22 +258,16 @@ def _on_channels(columns: Mapping[str, Any], radios: Array, boxes: Boxes, mask: 
 
 def _in_piconets(columns: Mapping[str, Any], boxes: Boxes) -> Made:
     """Return the boxes of members of piconets, by master and member."""
-    states, words = columns["state"]
-    details, texts = columns["detail"]
-    there = np.flatnonzero(_lut([word in MEMBER for word in words], bool)[states])
-    masters = [
-        master_of(words[state], texts[detail]) for state, detail in zip(states[there], details[there], strict=True)
-    ]
-    found = np.array(masters, dtype=np.int64)
-    there, found = there[found >= 0], found[found >= 0]
+    masters = _robots_in(columns["state"], columns["detail"], MEMBER, _MASTER)
+    there = np.flatnonzero(masters >= 0)
     members = columns["robot"][there]
-    return Made(PICONET, found, columns["radio"][there], members, boxes.taken(there)._replace(peers=peers_of(members)))
+    found = boxes.taken(there)._replace(peers=peers_of(members))
+    return Made(PICONET, masters[there], columns["radio"][there], members, found)
 
 
 def master_of(state: str, detail: str) -> int:
     """Return the master of the piconet to whose member an interval in that *state* belongs; -1 if it is none."""
-    found = _MASTER.search(detail) if state in MEMBER else None
-    return int(found[1]) if found else -1
+    return _robot_in(detail, _MASTER) if state in MEMBER else -1
 
 
 def _lut(codes: Sequence[int], dtype: Any) -> Array:
@@ -280,17 +281,27 @@ def peers_of(robots: Array) -> Array:
 
 def partner(state: str, detail: str) -> int:
     """Return the robot at the other end of a piconet's link, which is in that *state*; -1 for other states."""
-    found = _PARTNER.search(detail) if state in LINKED else None
+    return _robot_in(detail, _PARTNER) if state in LINKED else -1
+
+
+def _robot_in(detail: str, pattern: re.Pattern[str]) -> int:
+    found = pattern.search(detail)
     return int(found[1]) if found else -1
 
 
-def _partners(states: tuple[Array, Sequence[str]], details: tuple[Array, Sequence[str]]) -> Array:
+def _robots_in(
+    states: tuple[Array, Sequence[str]],
+    details: tuple[Array, Sequence[str]],
+    wanted: Sequence[str],
+    pattern: re.Pattern[str],
+) -> Array:
+    """Return the robot that *pattern* finds in the detail of each interval in one of the *wanted* states; -1 else."""
     (state_codes, state_words), (codes, words) = states, details
-    linked = np.flatnonzero(_lut([word in LINKED for word in state_words], bool)[state_codes])
-    found = _nobody(codes)
-    for at, state, detail in zip(linked.tolist(), state_codes[linked].tolist(), codes[linked].tolist(), strict=True):
-        found[at] = partner(state_words[state], words[detail])
-    return found
+    there = _lut([word in wanted for word in state_words], bool)[state_codes]
+    robots = np.full(max(1, len(words)), -1)
+    for code in np.unique(codes[there]).tolist():  # each text once, of many rows
+        robots[code] = _robot_in(words[code], pattern)
+    return np.where(there, robots[codes], -1)
 
 
 def _nobody(column: Array) -> Array:

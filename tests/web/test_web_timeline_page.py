@@ -483,7 +483,11 @@ def test_axe_finds_nothing(browser: Browser, served: Served, size: tuple[int, in
             assert page.locator(part).bounding_box()["height"] > 15, part
         press(page, "l")
         told(page, SENTENCE)
-        press(page, "m", "1", "n", "2")
+        press(page, "m", "1")
+        before = page.inner_text(".tl-status")
+        press(page, "n")
+        page.wait_for_function("before => document.querySelector('.tl-status').innerText !== before", arg=before)
+        press(page, "2")
         page.wait_for_selector(".tl-region td")
         page.evaluate("document.querySelectorAll('.tl-side details').forEach((each) => { each.open = true })")
         page.wait_for_selector(".tl-listing td")

@@ -1,5 +1,6 @@
 // What is behind and beside the rows of RF channels: which are left out or jammed, and the share of lost frames on each.
 
+import { Asking } from "./asking.js";
 import { seconds } from "./axis.js";
 import { element, table } from "./dom.js";
 import { hatched } from "./hatch.js";
@@ -7,8 +8,6 @@ import { CHANNELS } from "./rows.js";
 import { sent } from "./wire.js";
 
 const WIDE_PX = 64; // of the bars
-const ANEW_MS = 500; // how often a run under way is asked for what is new
-const PATIENCE_MS = 5000; // after which an answer is not waited for any more
 const WORDS = { afh: "left out", jammer: "jammed" };
 
 /** The areas and the bars of the view by channel. */
@@ -19,35 +18,25 @@ export class Spectrum {
     this.canvas = element("canvas", { "aria-hidden": "true" });
     this.root = element("div", { className: "tl-shares", hidden: true, title: "Share of frames that are lost, by channel" },
       element("span", {}, "% lost"), this.canvas);
-    this.number = 0;
-    this.forget();
+    this.asking = new Asking(timeline, () => this.want());
   }
 
-  /** Forget what the server has answered: the run is another one, or the connection. */
-  forget() {
-    this.answer = null;
-    this.waiting = null;
+  /** What the server has answered last. */
+  get answer() {
+    return this.asking.answer;
   }
 
-  /** Ask for what is in the window, unless it is known, as soon as the last request is answered. */
+  /** Ask for what is in the window. */
   want() {
-    const { axis, page, rows, selected, begun } = this.timeline;
-    const now_ms = performance.now();
-    if (!begun || !rows.by_channel || (this.waiting && now_ms - this.waiting.asked_ms < PATIENCE_MS)) return;
-    const asked = { key: `${axis.from_ns} ${axis.to_ns} ${selected}`, known_ns: axis.last_ns, asked_ms: now_ms };
-    const { answer } = this;
-    if (answer?.key === asked.key && (axis.last_ns <= answer.known_ns || answer.known_ns >= axis.to_ns)) return;
-    if (answer?.key === asked.key && now_ms - answer.asked_ms < ANEW_MS) return; // the run's time asks again
-    this.number += 1;
+    const { axis, rows, selected, begun } = this.timeline;
+    if (!begun || !rows.by_channel) return;
     const window = { from_ns: sent(axis.from_ns), to_ns: sent(axis.to_ns) };
-    if (page.send({ say: "channels", number: this.number, robot: selected, ...window })) this.waiting = asked;
+    this.asking.want(`${axis.from_ns} ${axis.to_ns} ${selected}`, { say: "channels", robot: selected, ...window });
   }
 
   take(message) {
-    if (message.number !== this.number || !this.waiting) return;
-    const areas = message.areas.map((each) => ({ ...each, start_ns: Number(each.start_ns), end_ns: Number(each.end_ns) }));
-    this.answer = { ...this.waiting, ...message, areas };
-    this.waiting = null;
+    if (!this.asking.take(message)) return;
+    for (const area of this.answer.areas) Object.assign(area, { start_ns: Number(area.start_ns), end_ns: Number(area.end_ns) });
     this.timeline.draw();
     this.timeline.settle();
     this.want();

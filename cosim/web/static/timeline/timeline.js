@@ -5,19 +5,19 @@ import { Axis, length, seconds } from "./axis.js";
 import { boxed } from "./boxes.js";
 import { Controls, commands } from "./commands.js";
 import { element } from "./dom.js";
-import { Finder } from "./finder.js";
+import { Finder } from "./panels/finder.js";
 import { Gestures } from "./gestures.js";
 import { Kinds } from "./kinds.js";
 import { Labels } from "./labels.js";
-import { show_legend } from "./legend.js";
-import { show_listing } from "./listing.js";
-import { Markers, paint_markers } from "./markers.js";
+import { show_legend } from "./panels/legend.js";
+import { show_listing } from "./panels/listing.js";
+import { Markers, paint_markers } from "./panels/markers.js";
 import { Measure } from "./measure.js";
 import { Navigator } from "./navigator.js";
 import { has_overlay, paint_flags, paint_overlay } from "./overlay.js";
 import { Painter } from "./paint.js";
-import { Plots } from "./plots.js";
-import { Region } from "./region.js";
+import { Plots } from "./panels/plots.js";
+import { Region } from "./panels/region.js";
 import { Rows } from "./rows.js";
 import { paint_ruler } from "./ruler.js";
 import { Spectrum } from "./spectrum.js";
@@ -160,10 +160,10 @@ export class Timeline {
     this.windows.forget();
     this.finder.forget();
     this.measure.forget();
-    this.plots.forget();
+    this.plots.asking.forget();
     this.region.ask();
     this.markers.forget();
-    this.spectrum.forget();
+    this.spectrum.asking.forget();
     this.root.hidden = true; // until the server names lanes
   }
 

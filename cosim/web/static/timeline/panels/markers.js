@@ -1,8 +1,8 @@
 // Named markers: times that one wants to find again. They are in the address, on the ruler, over the lanes, and listed as text.
 
-import { read, write } from "../address.js";
-import { seconds } from "./axis.js";
-import { element } from "./dom.js";
+import { read, write } from "../../address.js";
+import { seconds } from "../axis.js";
+import { element } from "../dom.js";
 
 const MOST = 50;
 const LONGEST = 40; // letters of a name
@@ -10,7 +10,7 @@ const BETWEEN = "|"; // two markers in the address: no name has it
 
 /** The markers of a timeline, and the list of them. */
 export class Markers {
-  /** @param {import("./timeline.js").Timeline} timeline */
+  /** @param {import("../timeline.js").Timeline} timeline */
   constructor(timeline) {
     this.timeline = timeline;
     this.list = element("ol", { className: "tl-markers" });

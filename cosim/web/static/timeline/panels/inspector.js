@@ -1,8 +1,8 @@
 // All about the box that is pinned: its fields, what it carries, and who heard it.
 
-import { length, seconds } from "./axis.js";
-import { element, table } from "./dom.js";
-import { fate, sentence } from "./kinds.js";
+import { length, seconds } from "../axis.js";
+import { element, table } from "../dom.js";
+import { fate, sentence } from "../kinds.js";
 
 /** Show a box, as the server tells of it, in an element. */
 export function show_box(root, box, { unpin, go }) {

@@ -1,7 +1,7 @@
 // What is in the window, as a table for those who do not see the canvas.
 
-import { length, seconds } from "./axis.js";
-import { table } from "./dom.js";
+import { length, seconds } from "../axis.js";
+import { table } from "../dom.js";
 
 const MOST_ROWS = 200;
 

@@ -1,12 +1,12 @@
 // The box that the pointer is at, the one that is pinned, and how one gets from it to the next.
 
-import { length } from "./axis.js";
-import { box_at, ends, mates } from "./boxes.js";
-import { element } from "./dom.js";
+import { length } from "../axis.js";
+import { box_at, ends, mates } from "../boxes.js";
+import { element } from "../dom.js";
 import { show_box } from "./inspector.js";
-import { sentence } from "./kinds.js";
-import { owner } from "./rows.js";
-import { sent, told } from "./wire.js";
+import { sentence } from "../kinds.js";
+import { owner } from "../rows.js";
+import { sent, told } from "../wire.js";
 
 const NEAR_PX = 5; // the pointer, as near to a box as this, is at the box
 const LEAST_FOUND_PX = 14; // what is found is shown at least as wide
@@ -15,7 +15,7 @@ const LEAST_FOUND_NS = 2e6;
 
 /** What is pinned and found on a timeline. */
 export class Finder {
-  /** @param {import("./timeline.js").Timeline} timeline */
+  /** @param {import("../timeline.js").Timeline} timeline */
   constructor(timeline) {
     this.timeline = timeline;
     this.hovered = this.pinned = null; // boxes; pinned has all that the server tells of it as detail

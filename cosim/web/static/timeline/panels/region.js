@@ -1,8 +1,8 @@
 // What lies between the two cursors, of all robots or of the chosen one, as the server adds it up.
 
-import { length, seconds } from "./axis.js";
-import { element, table } from "./dom.js";
-import { sent } from "./wire.js";
+import { length, seconds } from "../axis.js";
+import { element, table } from "../dom.js";
+import { sent } from "../wire.js";
 
 const SETTLED_MS = 150; // after which a cursor that is dragged stands
 const ANEW_MS = 1000; // how often sums of a run under way are asked for anew
@@ -12,7 +12,7 @@ const TITLES = {
 
 /** The sums of a timeline, as tables. */
 export class Region {
-  /** @param {import("./timeline.js").Timeline} timeline */
+  /** @param {import("../timeline.js").Timeline} timeline */
   constructor(timeline) {
     this.timeline = timeline;
     this.told = element("div", { className: "tl-region", tabIndex: 0, role: "region", "aria-label": "Between the cursors" });

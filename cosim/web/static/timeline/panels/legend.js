@@ -1,6 +1,6 @@
 // The legend of the kinds, by groups: a click on one hides its boxes, or shows them again.
 
-import { element } from "./dom.js";
+import { element } from "../dom.js";
 
 const TITLES = { frame: "Frames", state: "States", message: "Messages", event: "Events" };
 

@@ -1,23 +1,22 @@
 // Curves under the lanes, on the same axis: those that are chosen, of the robot that is selected or of the whole team.
 
-import { read, write } from "../address.js";
-import { seconds } from "./axis.js";
-import { element, table } from "./dom.js";
-import { sent } from "./wire.js";
+import { read, write } from "../../address.js";
+import { Asking } from "../asking.js";
+import { seconds } from "../axis.js";
+import { element, table } from "../dom.js";
+import { sent } from "../wire.js";
 
 const PART_PX = 2; // width of a part of the window in which things are counted
 const MOST_PARTS = 2000; // that the server takes in a request, and some
 const TALL_PX = 26; // of a curve
 const MOST_CHOSEN = 8;
-const ANEW_MS = 500; // how often a run under way is asked for what is new
-const PATIENCE_MS = 5000; // after which an answer is not waited for any more
 const MOST_ROWS = 100;
 const FIRST = ["delivered", "lost"];
 const GROUPS = { state: "States", event: "Events", metric: "Metrics of the run" };
 
 /** The curves on their canvas, what they are at the run's time, as text and as a table, and the choice of them. */
 export class Plots {
-  /** @param {import("./timeline.js").Timeline} timeline */
+  /** @param {import("../timeline.js").Timeline} timeline */
   constructor(timeline) {
     this.timeline = timeline;
     this.canvas = element("canvas", { "aria-hidden": "true" });
@@ -28,16 +27,9 @@ export class Plots {
     this.listed = element("details", {}, element("summary", {}, "Curves as a table"), this.listing);
     this.chooser = element("details", {}, element("summary", {}, "Curves"), this.choice);
     this.listed.addEventListener("toggle", () => this.list());
-    this.number = 0;
+    this.asking = new Asking(timeline, () => this.want());
     this.known = [];
-    this.forget();
     this.restore();
-  }
-
-  /** Forget what the server has answered: the run is another one, or the connection. */
-  forget() {
-    this.answer = null;
-    this.waiting = null;
   }
 
   /** Take the curves that there are. */
@@ -120,39 +112,27 @@ export class Plots {
 
   // ------------------------------------------------------------ messages
 
-  /** Ask for what is in the window, unless it is known, as soon as the last request is answered. */
+  /** What the server has answered last. */
+  get answer() {
+    return this.asking.answer;
+  }
+
+  /** Ask for what is in the window. */
   want() {
     const { timeline, names } = this;
-    const { axis, page, selected } = timeline;
+    const { axis, selected } = timeline;
     if (!timeline.begun || !names.length || !(this.shown || this.listed.open)) return;
-    const now_ms = performance.now();
-    if (this.waiting && now_ms - this.waiting.asked_ms < PATIENCE_MS) return;
     const step_ns = Math.max(1, Math.ceil(Math.max(PART_PX * axis.ns_per_px, axis.span_ns / MOST_PARTS)));
     const from_ns = Math.floor(axis.from_ns / step_ns) * step_ns; // so that parts stay where they are when the window moves
-    const asked = { key: `${from_ns} ${axis.to_ns} ${step_ns} ${selected} ${names}`, known_ns: axis.last_ns, asked_ms: now_ms };
-    const { answer } = this;
-    if (answer?.key === asked.key) {
-      const grown = axis.last_ns > answer.known_ns && answer.known_ns < axis.to_ns;
-      if (!grown) return;
-      if (now_ms - answer.asked_ms < ANEW_MS) {
-        this.later ||= setTimeout(() => {
-          this.later = 0;
-          this.want();
-        }, ANEW_MS);
-        return;
-      }
-    }
-    this.number += 1;
     const to_ns = Math.max(from_ns + step_ns, Math.ceil(axis.to_ns));
     const window = { from_ns: sent(from_ns), to_ns: sent(to_ns), step_ns: sent(step_ns) };
-    if (page.send({ say: "curves", number: this.number, names, robot: selected, ...window })) this.waiting = asked;
+    this.asking.want(`${from_ns} ${axis.to_ns} ${step_ns} ${selected} ${names}`, { say: "curves", names, robot: selected, ...window });
   }
 
   take(message) {
-    if (message.number !== this.number || !this.waiting) return;
+    if (!this.asking.take(message)) return;
     const curves = new Map(message.curves.map((curve) => [curve.name, curve]));
-    this.answer = { ...this.waiting, ...message, curves, from_ns: Number(message.from_ns), step_ns: Number(message.step_ns) };
-    this.waiting = null;
+    Object.assign(this.answer, { curves, from_ns: Number(message.from_ns), step_ns: Number(message.step_ns) });
     this.paint();
     this.list();
     this.want();
