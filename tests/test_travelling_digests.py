@@ -75,10 +75,7 @@ def other_pythons() -> list[str]:
     return [str(python) for python in named or sorted(ROOT.glob(".venv-*/bin/python")) if python.exists()]
 
 
-FEW = 97
-MANY = max(1, round(1 / SOAK_SHARE))
-MARKS = [pytest.mark.soak, pytest.mark.skipif(2 * MANY > FEW, reason="about as few pins as the other tier runs")]
-SHARES = [FEW, pytest.param(MANY, marks=MARKS)]
+SHARES = [97, pytest.param(max(1, round(1 / SOAK_SHARE)), marks=pytest.mark.soak)]
 """Of how many pins one is run: a few in CI, all in the soak, or the part of them that it is to be."""
 
 

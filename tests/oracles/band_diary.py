@@ -66,18 +66,26 @@ class Diary:
         """Look at *device* at *time*, when all that happens then has happened."""
         if (time, device.address) not in self.looks:
             self.looks.add((time, device.address))
-            self.stage.at(time, LOOK, device.address, lambda: self.look(device))
+            self.stage.at(time, LOOK, device.address, lambda: self.look_ahead(device))
+
+    def look_ahead(self, device: Device) -> None:
+        """Look at *device*, and again when what an event may have changed begins or ends without another one."""
+        self.look(device)
+        for time in turns(device):
+            if time > self.stage.now:
+                self.look_at(time, device)
 
     def look(self, device: Device) -> None:
         now, since = self.stage.now, self.since[device.address]
-        found = {*all_of(device, now), *absences(self.stage, device, now)}
+        found = set(all_of(device, now))
+        if device.links:
+            found.update(absences(self.stage, device, now))
+        if found == since.keys():
+            return
         for doing in since.keys() - found:
             self.end(device.address, doing, now)
         for doing in found:
             since.setdefault(doing, now)
-        for time in turns(device):
-            if time > now:
-                self.look_at(time, device)
 
     def end(self, address: int, doing: Doing, now: int) -> None:
         self.rows.append(Row(self.since[address].pop(doing), address, now, *doing))

@@ -5,7 +5,6 @@ import signal
 import sys
 import time
 import tomllib
-from fnmatch import fnmatch
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -124,9 +123,8 @@ def test_what_is_needed_is_the_extra():
 def test_what_a_browser_loads_is_part_of_its_package(folder: Path):
     package = folder.relative_to(ROOT).parts[0]
     packaged = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"][package]
-    for path in folder.rglob("*"):
-        name = path.relative_to(ROOT / package).as_posix()
-        assert path.is_dir() or any(fnmatch(name, pattern) for pattern in packaged), name
+    inside = {path for pattern in packaged for path in (ROOT / package).glob(pattern)}
+    assert [path for path in folder.rglob("*") if path.is_file() and path not in inside] == []
 
 
 # ---------------------------------------------------------------- pages of protocols of one's own

@@ -240,7 +240,7 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
     return (draw_case(Seeded(2, number)) for number in range(first, first + count))
 
 
-DEFAULT = 250
+DEFAULT = 400
 
 
 @cache
