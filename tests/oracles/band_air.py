@@ -67,10 +67,12 @@ class Jammer:
     def is_on_within(self, channel: int, start: int, end: int) -> bool:
         """Return whether it is on *channel* at any instant of [start, end).
 
-        If it is, then at the first instant of that time, or at one at which it comes on the air or changes.
+        If it is, then at the first instant of that time, or at one at which it comes on the air or changes; and what
+        it does repeats when it has been on each of its channels.
         """
         length = {"constant": self.until - self.start, "sweeping": self.dwell, "pulsed": self.period}[self.mode]
-        turns = range((start - self.start) // length, (end - self.start) // length + 2)
+        first = max(0, (start - self.start) // length)
+        turns = range(first, min((end - self.start) // length, first + len(self.channels)) + 2)
         changes = [self.start + turn * length for turn in turns]
         return any(self.is_on(channel, time) for time in (start, *changes) if start <= time < end)
 
