@@ -72,6 +72,7 @@ format: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
 	$(BIN)/python -m benchmarks.sweeps
+	$(BIN)/python -m benchmarks.keeping
 
 # the same work for ns-3, IR-SIM, GrADyS-SIM and us; make bench-peers WRITE=1 keeps the table in benchmarks/README.md
 bench-peers: $(STAMP)

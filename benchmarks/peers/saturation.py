@@ -47,13 +47,19 @@ class Station:
         """Do nothing."""
 
 
-def simulation(nodes: int, seconds: float, seed: int) -> Work:
-    """Set up a run, and return it."""
-    kernel = Kernel()
-    channel = AdhocChannel(RADIO, kernel, Trace(()), nodes, Streams(seed))
+def saturated(kernel: Kernel, trace: Trace, nodes: int, seed: int) -> tuple[AdhocChannel, list[Station]]:
+    """Return a channel and the stations on it, which have everything to send from time 0 on."""
+    channel = AdhocChannel(RADIO, kernel, trace, nodes, Streams(seed))
     stations = [Station(channel, address) for address in range(nodes)]
     for address, station in enumerate(stations):
         channel.attach(address, station)
+    return channel, stations
+
+
+def simulation(nodes: int, seconds: float, seed: int) -> Work:
+    """Set up a run, and return it."""
+    kernel = Kernel()
+    _, stations = saturated(kernel, Trace(()), nodes, seed)
 
     def work() -> dict[str, float]:
         kernel.run(from_seconds(seconds))

@@ -11,6 +11,7 @@ from itertools import chain, takewhile
 from math import inf, log10
 from typing import Literal, NamedTuple
 
+from cosim import elementary
 from cosim.channels.bluetooth.bits.errors import section_probabilities
 from tests.oracles.medium import COLLIDED, OUT_OF_RANGE, RECEIVED, US, OnAir
 from tests.oracles.philox import philox
@@ -93,7 +94,8 @@ class Radio:
 
 
 def milliwatts(dbm: float) -> float:
-    return 0.0 if dbm == -inf else 10.0 ** (dbm / 10.0)
+    # the channel's own power of ten, which has tests of its own: at a ratio of exactly 11 dB its last bit decides
+    return 0.0 if dbm == -inf else elementary.exp10(dbm / 10.0)
 
 
 @dataclass

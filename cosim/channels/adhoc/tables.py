@@ -1,14 +1,13 @@
 """The rows of an 802.11 channel's tables, by column, from what its stations keep for them (``log``)."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from operator import add
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from cosim.arrays import Int64s
-from cosim.channels.adhoc.log import OUTCOMES, SLOT_BITS, STATES, unpacked_slots
+from cosim.channels.adhoc.log import OUTCOMES, STATES, unpacked_slots
 from cosim.channels.adhoc.mac import KINDS
 from cosim.channels.adhoc.state import Records
 
@@ -62,42 +61,24 @@ class Receptions(NamedTuple):
 def doings(intervals: Records) -> Doings:
     """Return the columns of *intervals*."""
     starts, stations, ends = (np.ascontiguousarray(intervals[name]) for name in ("begin", "station", "end"))
-    details = _details(intervals["slots"])
-    return Doings(starts, stations, ends, _STATES[intervals["state"]].tolist(), details)
+    return Doings(starts, stations, ends, _STATES[intervals["state"]].tolist(), _SLOTS.of(intervals["slots"]))
 
 
-class _Words(dict[int, str]):
-    """Words about numbers that have been needed, by these numbers: how they are *made*."""
+class _Slots(dict[int, str]):
+    """Words about back-offs that have been needed, by their slots, packed; none about 0, which is no back-off."""
 
-    def __init__(self, made: Callable[[int], str]) -> None:
-        self._made = made
-
-    def of(self, numbers: Iterable[int]) -> Iterator[str]:
-        """Return the words about each of *numbers*."""
+    def of(self, packed: Int64s) -> list[str]:
+        """Return the words about each of *packed*."""
         if len(self) > MOST_WORDS:
             self.clear()
-        return map(self.__getitem__, numbers)
+        return list(map(self.__getitem__, packed.tolist()))
 
-    def __missing__(self, number: int) -> str:
-        words = self[number] = self._made(number)
+    def __missing__(self, packed: int) -> str:
+        words = self[packed] = "slots={} of={} cw={}".format(*unpacked_slots(packed)) if packed else ""
         return words
 
 
-_LEFT: Final = _Words("slots={}".format)
-_DRAWN: Final = _Words(lambda packed: " of={} cw={}".format(*unpacked_slots(packed)[1:]))
-
-
-def _details(packed: Int64s) -> list[str]:
-    """Return the words about back-offs of which the slots are *packed*; none about 0, which is no back-off.
-
-    Slots left and drawn together are as many numbers as intervals, apart they are few: both words are made once.
-    """
-    details = np.full(len(packed), "", np.object_)
-    of = np.flatnonzero(packed)
-    left, drawn = packed[of] >> 2 * SLOT_BITS, packed[of] & ((1 << 2 * SLOT_BITS) - 1)
-    details[of] = list(map(add, _LEFT.of(left.tolist()), _DRAWN.of(drawn.tolist())))
-    words: list[str] = details.tolist()
-    return words
+_SLOTS: Final = _Slots()
 
 
 def transmissions(rows: Records, carried: Sequence[bytes], routed: bool) -> Transmissions:
