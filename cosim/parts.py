@@ -99,9 +99,10 @@ class Parts:
         """Return the Arrow table in *part*; raise UserError if that is damaged."""
         import pyarrow.parquet as pq
 
-        # a part is small, and Arrow's threads, one of them still at work, would abort a process that ends
-        how = {"use_threads": False, "pre_buffer": False, "page_checksum_verification": True}
-        return self._checked(part, lambda file: pq.read_table(file, columns=columns, **how))
+        # a part is small, and a thread of Arrow's that is still at work, as read_table starts one, would abort a process
+        # that ends
+        how = {"pre_buffer": False, "page_checksum_verification": True}
+        return self._checked(part, lambda file: pq.ParquetFile(file, **how).read(columns, use_threads=False))
 
     def schema(self, part: Path) -> Any:
         """Return the Arrow schema of *part*; raise UserError if that is damaged."""

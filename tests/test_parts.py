@@ -5,6 +5,8 @@ import os
 import random
 import shutil
 import stat
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
@@ -104,6 +106,26 @@ def test_parts_that_tell_different_origins_are_not_merged(parts: Parts):
     parts.merge_minutes(COLUMNS)
     told = {parts.schema(part).metadata[b"commit"]: [key[1] for key in parts.keys(part)] for part in parts.whole()}
     assert told == {b"a": [1, 3], b"b": [2]}
+
+
+THREADS = """
+import os, sys
+from pathlib import Path
+import pyarrow.parquet
+from cosim.parts import Parts
+before = os.listdir("/proc/self/task")
+parts = Parts(Path(sys.argv[1]))
+for part in parts.files("runs"):
+    assert parts.read(part).num_rows == 1 and len(parts.schema(part))
+print(len(os.listdir("/proc/self/task")) - len(before))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="no such list of threads")
+def test_reading_parts_starts_no_thread_that_could_abort_a_process_that_ends(parts: Parts):
+    added(parts, 1)
+    command = [sys.executable, "-c", THREADS, str(parts.folder)]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "0\n"
 
 
 def test_what_a_writer_killed_while_merging_left_twice_is_read_once_and_cleared_away(

@@ -174,9 +174,10 @@ class _Page:
 
         found: dict[str, dict[str, None]] = {}
         for part in sorted((self._folder / "runs").glob("*.parquet")):
-            made = pq.read_table(part, columns=["code"])["code"].to_pylist()
+            file = pq.ParquetFile(part)
+            made = file.read(["code"])["code"].to_pylist()
             if {*self._sweep.codes, *self._sweep.accepted}.intersection(made):
-                for key, value in (pq.read_schema(part).metadata or {}).items():
+                for key, value in (file.schema_arrow.metadata or {}).items():
                     found.setdefault(key.decode(), {})[value.decode()] = None
         return {key: list(values) for key, values in found.items()}
 
