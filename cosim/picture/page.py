@@ -117,8 +117,8 @@ def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
         "lanes": [[lane.robot, lane.radio, lane.what] for lane in shown],
         "tables": [_table(recording, lanes, columns, words) for lanes in (states, frames) if lanes],
         "looks": {
-            **{kind: list(look(kind)) for kind in kinds},
-            **{each: [state_fill(each), "#333333"] for each in named},
+            **{kind: list(look(kind)) for kind in sorted(kinds)},
+            **{each: [state_fill(each), "#333333"] for each in sorted(named)},
         },
         "lost": sorted(lost),
     }
