@@ -1,9 +1,10 @@
 """One HTML file that shows a run and needs neither a server nor a network: scripts, styles and data are in it.
 
 The data is one deflated block in base64: the length of a JSON text (u32, little-endian), the text, then columns of
-whole numbers. The text lists the columns: how many numbers, what was taken from each, by what they were divided then,
-how many bytes each takes, and whether it is the difference to the one before. The bytes of a column stand by their
-rank, all lowest ones first, which deflates best. Times are nanoseconds, to the last one.
+whole numbers. The text lists the columns: how many numbers, how many bytes each takes, whether it is the difference to
+the one before, and a list. If that has several numbers, the column's are numbers of places in it; if it has one, this
+was taken from each. The bytes of a column stand by their rank, all lowest ones first, which deflates best. Times are
+nanoseconds, to the last one.
 
 Boxes stand in two tables, states and frames, each in one order of time over all lanes: radios in reach of each other do
 much at the same instants, and for equally long, so that a box mostly differs little from the one before. Texts (what
@@ -36,11 +37,15 @@ _STEP_RAD: Final = 0.01
 _MARKS: Final = {"style": "page.css", "script": "page.js"}
 
 
+_FEW: Final = 16
+"""Different numbers are listed if there are so many times as many numbers in all."""
+
+
 class Columns:
     """Columns of whole numbers, packed one after the other."""
 
     def __init__(self) -> None:
-        self.listed: list[list[int]] = []
+        self.listed: list[tuple[int, int, int, list[int]]] = []
         self.parts: list[bytes] = []
 
     def add(self, values: Any, differences: bool = False) -> int:
@@ -48,13 +53,20 @@ class Columns:
         whole: Int64s = np.asarray(values, dtype=np.int64)
         if differences and len(whole):
             whole = np.diff(whole, prepend=0)
-        least = int(whole.min()) if len(whole) else 0
-        unit = int(np.gcd.reduce(whole - least)) or 1  # times of 802.11 are whole microseconds
-        whole = (whole - least) // unit
-        width = max(1, (int(whole.max()).bit_length() + 7) // 8) if len(whole) else 1
-        self.listed.append([len(whole), least, unit, width, int(differences)])
+        few = _few(whole)
+        whole = np.searchsorted(few, whole) if len(few) > 1 else whole - few
+        width = max(1, (int(whole.max(initial=0)).bit_length() + 7) // 8)
+        self.listed.append((len(whole), width, int(differences), few.tolist()))
         self.parts.append(whole.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :width].T.tobytes())
         return len(self.listed) - 1
+
+
+def _few(whole: Int64s) -> Int64s:
+    """Return the different numbers in *whole*, ascending, if a list of them pays; else the least one, if there is any."""
+    if len(whole) and np.ptp(whole) >> 8:  # what fits a byte as it is needs no list
+        distinct: Int64s = np.unique(whole)
+        return distinct if len(distinct) * _FEW < len(whole) else distinct[:1]
+    return whole.min(keepdims=True) if len(whole) else whole
 
 
 class Words:

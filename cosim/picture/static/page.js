@@ -12,11 +12,12 @@ async function read() {
   const size = new DataView(bytes.buffer).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + size)));
   let at = 4 + size;
-  const columns = head.columns.map(([count, least, unit, width, differences]) => {
+  const columns = head.columns.map(([count, width, differences, few]) => {
     const values = new Float64Array(count);  // exact up to 2^53 ns, which is 104 days
     for (let rank = 0, scale = 1; rank < width; rank++, scale *= 256, at += count)
       for (let row = 0; row < count; row++) values[row] += bytes[at + row] * scale;
-    for (let row = 0, before = 0; row < count; row++) before = values[row] = values[row] * unit + least + (differences ? before : 0);
+    for (let row = 0, before = 0; row < count; row++)
+      before = values[row] = (few.length > 1 ? few[values[row]] : values[row] + few[0]) + (differences ? before : 0);
     return values;
   });
   return [head, columns];
