@@ -62,7 +62,7 @@ class Columns:
 
 
 def _few(whole: Int64s) -> Int64s:
-    """Return the different numbers in *whole*, ascending, if a list of them pays; else the least one, if there is any."""
+    """Return the different numbers in *whole*, ascending, if a list of them pays; else the least one, if any."""
     if len(whole) and np.ptp(whole) >> 8:  # what fits a byte as it is needs no list
         distinct: Int64s = np.unique(whole)
         return distinct if len(distinct) * _FEW < len(whole) else distinct[:1]
