@@ -13,7 +13,8 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import median, quantiles
 from typing import Any
@@ -75,14 +76,21 @@ DRIVE = """async ([pictures, views]) => {
 }"""
 
 
-def measured(address: str) -> tuple[dict[str, Any], float]:
-    """Return what the page at *address* took (ms), and the time to its first complete picture (s)."""
+@contextmanager
+def browsing() -> Iterator[Any]:
+    """Run Chromium without a window, and give an empty page of it."""
     from playwright.sync_api import sync_playwright
 
     flags = ["--disable-gpu"] + (["--no-sandbox"] if os.geteuid() == 0 else [])
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
-        page = browser.new_context(viewport=SIZE).new_page()  # type: ignore[arg-type]
+        yield browser.new_context(viewport=SIZE).new_page()  # type: ignore[arg-type]
+        browser.close()
+
+
+def measured(address: str) -> tuple[dict[str, Any], float]:
+    """Return what the page at *address* took (ms), and the time to its first complete picture (s)."""
+    with browsing() as page:
         began = time.perf_counter()
         page.goto(address)
         page.wait_for_selector("#timeline:not([hidden])")
@@ -91,7 +99,6 @@ def measured(address: str) -> tuple[dict[str, Any], float]:
         page.evaluate("document.getElementById('tl-tall').click()")  # twenty lanes are to be seen
         page.wait_for_timeout(500)
         found: dict[str, Any] = page.evaluate(DRIVE, [PICTURES, VIEWS])
-        browser.close()
     return found, first_s
 
 

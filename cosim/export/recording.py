@@ -144,13 +144,15 @@ class Recording:
 
     def jammers(self) -> list[Jammer]:
         """Return the times at which the scenario's jammers are on the air, in their order."""
-        faults, found = self.scenario.get("faults", ()), []
-        for row in self.rows("intervals"):
-            if row["state"] == "jammer":
-                number = int(dict(word.partition("=")[::2] for word in row["detail"].split())["fault"])
-                fault = faults[number]
-                place = fault["x_m"], fault["y_m"]
-                found.append(Jammer(number, *place, row["start_ns"], row["end_ns"], fault["power_dbm"]))
+        states, begins, ends, details = (
+            self.column("intervals", name) for name in ("state", "start_ns", "end_ns", "detail")
+        )
+        found = []
+        for row in np.flatnonzero(states == "jammer").tolist():
+            number = int(dict(word.partition("=")[::2] for word in details[row].split())["fault"])
+            fault = self.scenario["faults"][number]
+            place = fault["x_m"], fault["y_m"]
+            found.append(Jammer(number, *place, int(begins[row]), int(ends[row]), fault["power_dbm"]))
         return found
 
 

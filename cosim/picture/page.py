@@ -1,17 +1,24 @@
 """One HTML file that shows a run and needs neither a server nor a network: scripts, styles and data are in it.
 
 The data is one deflated block in base64: the length of a JSON text (u32, little-endian), the text, then columns of
-whole numbers. The text lists the columns: how many numbers, what was taken from each, how many bytes each takes, and
-whether it is the difference to the one before. The bytes of a column stand by their rank, all lowest ones first, which
-deflates best. Times are nanoseconds, to the last one.
+whole numbers. The text lists the columns: how many numbers, how many bytes each takes, whether it is the difference to
+the one before, and a list. If that has several numbers, the column's are numbers of places in it; if it has one, this
+was taken from each. The bytes of a column stand by their rank, all lowest ones first, which deflates best. Times are
+nanoseconds, to the last one.
+
+Boxes stand in two tables, states and frames, each in one order of time over all lanes: radios in reach of each other do
+much at the same instants, and for equally long, so that a box mostly differs little from the one before. Texts (what
+part was lost, the details of a state) are kept word by word, as most differ in a number only. How many words each has
+stands in the order of time; then come all first words, all second ones and so on, lane by lane.
 """
 
 import base64
 import json
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,11 +37,15 @@ _STEP_RAD: Final = 0.01
 _MARKS: Final = {"style": "page.css", "script": "page.js"}
 
 
+_FEW: Final = 16
+"""Different numbers are listed if there are so many times as many numbers in all."""
+
+
 class Columns:
     """Columns of whole numbers, packed one after the other."""
 
     def __init__(self) -> None:
-        self.listed: list[list[int]] = []
+        self.listed: list[tuple[int, int, int, list[int]]] = []
         self.parts: list[bytes] = []
 
     def add(self, values: Any, differences: bool = False) -> int:
@@ -42,12 +53,20 @@ class Columns:
         whole: Int64s = np.asarray(values, dtype=np.int64)
         if differences and len(whole):
             whole = np.diff(whole, prepend=0)
-        least = int(whole.min()) if len(whole) else 0
-        whole = whole - least
-        width = max(1, (int(whole.max()).bit_length() + 7) // 8) if len(whole) else 1
-        self.listed.append([len(whole), least, width, int(differences)])
+        few = _few(whole)
+        whole = np.searchsorted(few, whole) if len(few) > 1 else whole - few
+        width = max(1, (int(whole.max(initial=0)).bit_length() + 7) // 8)
+        self.listed.append((len(whole), width, int(differences), few.tolist()))
         self.parts.append(whole.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :width].T.tobytes())
         return len(self.listed) - 1
+
+
+def _few(whole: Int64s) -> Int64s:
+    """Return the different numbers in *whole*, ascending, if a list of them pays; else the least one, if any."""
+    if len(whole) and np.ptp(whole) >> 8:  # what fits a byte as it is needs no list
+        distinct: Int64s = np.unique(whole)
+        return distinct if len(distinct) * _FEW < len(whole) else distinct[:1]
+    return whole.min(keepdims=True) if len(whole) else whole
 
 
 class Words:
@@ -56,10 +75,12 @@ class Words:
     def __init__(self) -> None:
         self.numbers: dict[str, int] = {}
 
-    def codes(self, texts: Iterable[str]) -> list[int]:
+    def codes(self, texts: Iterable[str]) -> Int64s:
         """Return the numbers of *texts*."""
-        numbers = self.numbers
-        return [numbers.setdefault(text, len(numbers)) for text in texts]
+        every = list(texts)
+        for text in dict.fromkeys(every):
+            self.numbers.setdefault(text, len(self.numbers))
+        return np.fromiter(map(self.numbers.__getitem__, every), np.int64, len(every))
 
 
 def write_page(recording: Recording, path: Path, span: tuple[Time, Time]) -> int:
@@ -82,9 +103,12 @@ def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
     """Return the data of the page, and the number of boxes in it."""
     columns, words = Columns(), Words()
     found = [_within(lane, span) for lane in lanes(recording)]
-    rows = [_lane(recording, lane, columns, words) for lane in found if len(lane.rows) for lane in _apart(lane)]
+    shown = [part for lane in found if len(lane.rows) for part in _apart(lane)]
+    states, frames = (
+        {number: lane for number, lane in enumerate(shown) if (lane.what == STATE) is state} for state in (True, False)
+    )
     kinds = {kind for lane in found if lane.what != STATE for kind in lane.kinds}
-    states = {kind for lane in found if lane.what == STATE for kind in lane.kinds}
+    named = {kind for lane in found if lane.what == STATE for kind in lane.kinds}
     lost = {each for lane in found if lane.what != STATE for each in lane.outcomes if is_lost(lane.what, each)}
     times, poses = recording.poses()
     text: dict[str, Any] = {
@@ -102,17 +126,18 @@ def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
         ],
         "steps": _STEPS,
         "events": _events(recording, columns, words, span),
-        "lanes": rows,
+        "lanes": [[lane.robot, lane.radio, lane.what] for lane in shown],
+        "tables": [_table(recording, lanes, columns, words) for lanes in (states, frames) if lanes],
         "looks": {
-            **{kind: list(look(kind)) for kind in kinds},
-            **{each: [state_fill(each), "#333333"] for each in states},
+            **{kind: list(look(kind)) for kind in sorted(kinds)},
+            **{each: [state_fill(each), "#333333"] for each in sorted(named)},
         },
         "lost": sorted(lost),
     }
     text |= {"words": list(words.numbers), "columns": columns.listed}
     head = json.dumps(text, separators=(",", ":")).encode()
     block = struct.pack("<I", len(head)) + head + b"".join(columns.parts)
-    return zlib.compress(block, 9), sum(len(lane.rows) for lane in found)
+    return zlib.compress(block), sum(len(lane.rows) for lane in found)
 
 
 _STEPS: Final = (STEP_M, STEP_M, _STEP_RAD)
@@ -124,7 +149,7 @@ def _within(lane: Lane, span: tuple[Time, Time]) -> Lane:
 
 def _apart(lane: Lane) -> list[Lane]:
     """Return *lane*, or for states as many as there must be for none of their boxes to overlap."""
-    if lane.what != STATE:
+    if lane.what != STATE or (lane.starts[1:] >= lane.ends[:-1]).all():
         return [lane]
     ends: list[Time] = []
     places = []
@@ -140,28 +165,55 @@ def _chosen(lane: Lane, at: Int64s) -> Lane:
     return lane._replace(rows=lane.rows[at], starts=lane.starts[at], ends=lane.ends[at], kinds=kinds, outcomes=outcomes)
 
 
-def _lane(recording: Recording, lane: Lane, columns: Columns, words: Words) -> dict[str, Any]:
-    def column(name: str) -> Any:
-        return recording.column(lane.table, name)[lane.rows] if recording.has(lane.table, name) else None
-
-    row: dict[str, Any] = {
-        "robot": lane.robot,
-        "radio": lane.radio,
-        "what": lane.what,
-        "starts": columns.add(lane.starts, differences=True),
-        "lengths": columns.add(lane.ends - lane.starts),
-        "kinds": columns.add(words.codes(lane.kinds)),
-        "outcomes": columns.add(words.codes(lane.outcomes)),
+def _table(recording: Recording, lanes: Mapping[int, Lane], columns: Columns, words: Words) -> dict[str, Any]:
+    """Pack the boxes of *lanes*, which are known by their numbers, in one order of time; return where what stands."""
+    boxes = list(lanes.values())
+    numbers = np.repeat(list(lanes), [len(lane.rows) for lane in boxes])
+    starts = np.concatenate([lane.starts for lane in boxes])
+    order = np.lexsort((numbers, starts))
+    table: dict[str, Any] = {
+        "lane": columns.add(numbers[order]),
+        "starts": columns.add(starts[order], differences=True),
+        "lengths": columns.add(np.concatenate([lane.ends - lane.starts for lane in boxes])[order]),
+        "kinds": columns.add(words.codes(chain.from_iterable(lane.kinds for lane in boxes))[order]),
+        "outcomes": columns.add(words.codes(chain.from_iterable(lane.outcomes for lane in boxes))[order]),
     }
-    for name, other in (("channel", "channels"), ("length", "sizes"), ("source", "sources"), ("destination", "peers")):
-        values = column(name)
-        if values is not None:
-            row[other] = columns.add(values)
-    for name in ("part", "detail"):
-        texts = column(name)
-        if texts is not None:
-            row[name] = columns.add(words.codes(texts))
-    return row
+    having = [set(recording.names(lane.table)) for lane in boxes]
+    for name, other in _NUMBERS.items():
+        if name in set.intersection(*having):
+            table[other] = columns.add(_values(recording, boxes, name)[order])
+    for name in _TEXTS:
+        if name in set.union(*having):
+            table[name] = _texts(_values(recording, boxes, name), order, columns, words)
+    return table
+
+
+_NUMBERS: Final = {"channel": "channels", "length": "sizes", "source": "sources", "destination": "peers"}
+_TEXTS: Final = ("part", "detail")
+
+
+def _values(recording: Recording, boxes: Sequence[Lane], name: str) -> Any:
+    """Return what stands in the column *name* for all *boxes*; no text where a table has no such column."""
+    values = {
+        table: recording.column(table, name)
+        if recording.has(table, name)
+        else np.full(recording.count(table), "", dtype=object)
+        for table in {lane.table for lane in boxes}
+    }
+    return np.concatenate([values[lane.table][lane.rows] for lane in boxes])
+
+
+def _texts(texts: Any, order: Int64s, columns: Columns, words: Words) -> list[int]:
+    """Pack *texts* word by word, and return the columns: how many words each has, in *order*; the first words; ..."""
+    known = Words()
+    codes = known.codes(texts)
+    split = [text.split(" ") if text else [] for text in known.numbers]
+    counts = np.array([len(each) for each in split])
+    packed = [columns.add(counts[codes][order])]
+    for place in range(counts.max()):
+        word = words.codes(each[place] if place < len(each) else "" for each in split)
+        packed.append(columns.add(word[codes[counts[codes] > place]]))
+    return packed
 
 
 def _events(recording: Recording, columns: Columns, words: Words, span: tuple[Time, Time]) -> list[int]:

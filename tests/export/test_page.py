@@ -1,5 +1,6 @@
 """The page of a run that needs no server: what Chromium reads from the disk is what the tables hold."""
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,15 +9,10 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from cosim.channels.adhoc.channel import AdhocChannel
-from cosim.channels.adhoc.settings import AdhocSettings
-from cosim.export.recording import DRAWN, Recording, of_run
-from cosim.kernel import Kernel
+from benchmarks.picture_page import saturated
+from cosim.export.recording import NAMES, Recording
 from cosim.picture.page import write_page
-from cosim.randomness import Streams
-from cosim.trace import Trace
 from cosim.units import S
-from experiments.saturation_throughput.saturation import Host, Network, Parameters, Tally
 from tests.export.recordings import make, sendings
 from tests.web.browser import GRAVE, axe
 
@@ -46,6 +42,14 @@ def shown(
 
 
 @pytest.fixture(scope="module")
+def crowd() -> Whole:
+    """Return stations of 802.11 that always have something to send."""
+    recording = saturated({"phy": "ofdm", "rate_mbps": 54}, 5, S // 5)
+    tables = {name: pd.DataFrame(list(recording.rows(name))) for name in NAMES if recording.count(name)}
+    return recording, tables, Path()
+
+
+@pytest.fixture(scope="module")
 def page_file(piconet: Whole, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "a & b.html"
     _, tables, _ = piconet
@@ -54,25 +58,65 @@ def page_file(piconet: Whole, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-LANES = """() => run.lanes.filter((lane) => lane.what === "received").flatMap((lane) =>
-  [...lane.starts].map((start, row) => [start, start + lane.lengths[row], lane.sources[row], lane.robot,
-    word(lane.kinds[row]), lane.channels[row], word(lane.outcomes[row]), word(lane.part[row]), isLost(lane, row)]))"""
+BOXES = """() => Object.fromEntries(["received", "broadcasts", "sent", "states"].map((what) => [what,
+  run.lanes.filter((lane) => lane.what === what).flatMap((lane) => [...lane.starts].map((start, row) => {
+    const numbers = ["sources", "peers", "channels", "sizes"].map((name) => lane[name] && lane[name][row]);
+    const texts = [lane.part, lane.detail].map((words) => words && textOf(words, row));
+    return [start, start + lane.lengths[row], lane.robot, word(lane.kinds[row]), ...numbers,
+      word(lane.outcomes[row]), ...texts, isLost(lane, row)]; }))]))"""
+APART = """() => run.lanes.filter((lane) => lane.what === "states").every((lane) =>
+  lane.starts.every((start, row) => !row || lane.starts[row - 1] + lane.lengths[row - 1] <= start))"""
+FROM_FRAMES = ("source", "destination", "channel", "length")
+
+
+def drawn(tables: dict[str, pd.DataFrame]) -> dict[str, list[tuple[Any, ...]]]:
+    """Return the boxes that a page is to have, of frames as receivers tell, and of states; sorted."""
+    frames, states = tables["frames"], tables["intervals"]
+    where = frames["destination"].where(frames["destination"] >= 0, frames["source"])
+    lost = ~frames["outcome"].isin(["received", ""])
+    columns = [frames["time_ns"], frames["time_ns"] + frames["duration_ns"], where, frames["kind"]]
+    columns += [frames[name] for name in (*FROM_FRAMES, "outcome", "part")]
+    heard = sorted(zip(*columns, [None] * len(frames), lost, strict=True))
+    columns = [states[name] for name in ("start_ns", "end_ns", "robot", "state")]
+    none = [[None] * len(states)] * 4
+    texts = [[""] * len(states), [None] * len(states), states["detail"], [False] * len(states)]
+    return {"frames": heard, "states": sorted(zip(*columns, *none, *texts, strict=True))}
 
 
 @pytest.mark.slow
-def test_what_the_browser_reads_is_what_the_table_holds(browser: Any, page_file: Path, piconet: Whole) -> None:
-    frames = piconet[1]["frames"]
+@pytest.mark.parametrize("name", ["piconet", "walls", "crowd"])
+def test_each_box_in_the_browser_is_a_row_of_the_tables(
+    browser: Any, name: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    recording, tables, _ = request.getfixturevalue(name)
+    write_page(recording, tmp_path / "run.html", (0, recording.end + 1))
+    with shown(browser, tmp_path / "run.html") as page:
+        read = {what: sorted(map(tuple, boxes)) for what, boxes in page.evaluate(BOXES).items()}
+        named = page.evaluate("() => Object.keys(looks)")
+        assert page.evaluate(APART), "a click and a zoom look for states from their starts alone"
+    wanted = drawn(tables)
+    assert sorted(read["received"] + read["broadcasts"]) == wanted["frames"]
+    assert read["states"] == wanted["states"]
+    sent = sendings(tables)
+    ends = sent["time_ns"] + sent["duration_ns"]
+    assert [box[:4] for box in read["sent"]] == sorted(
+        zip(sent["time_ns"], ends, sent["source"], sent["kind"], strict=True)
+    )
+    if len(tables["transmissions"]):
+        told = tables["transmissions"][list(FROM_FRAMES)].value_counts().to_dict()
+        assert Counter(box[4:8] for box in read["sent"]) == told
+    kinds = {box[3] for what in ("received", "broadcasts", "sent") for box in read[what]}
+    assert named == sorted(kinds) + sorted(set(tables["intervals"]["state"])), "the legend, the same each time"
+
+
+@pytest.mark.slow
+def test_places_and_events_in_the_browser_are_what_the_tables_hold(
+    browser: Any, page_file: Path, piconet: Whole
+) -> None:
     with shown(browser, page_file) as page:
-        read = page.evaluate(LANES)
         ticks = page.evaluate("() => [...run.ticks]")
         places = page.evaluate("() => run.robots.map((_, robot) => run.ticks.length && place(robot, run.ticks.at(-1)))")
         events = page.evaluate("() => [...run.events.times].map((time, row) => [time, word(run.events.names[row])])")
-    names = ("time_ns", "source", "destination", "kind", "channel", "outcome", "part")
-    columns = {name: frames[name].tolist() for name in names}
-    ends = (frames["time_ns"] + frames["duration_ns"]).tolist()
-    lost = (frames["outcome"] != "received").tolist()
-    starts, *others = columns.values()
-    assert sorted(map(tuple, read)) == sorted(zip(starts, ends, *others, lost, strict=True))
     poses = piconet[1]["poses"]
     assert ticks == sorted(set(poses["time_ns"]))
     last = poses[poses["time_ns"] == ticks[-1]]
@@ -164,27 +208,17 @@ def test_a_minute_of_a_piconet_with_idle_frames_takes_at_most_a_megabyte(tmp_pat
     assert (tmp_path / "run.html").stat().st_size <= 1_000_000
 
 
-PART_S = 12
-"""How much of a minute is simulated: a page has no less beside its boxes for a shorter run."""
-
-
-def saturated(radio: dict[str, Any], stations: int) -> Recording:
-    """Return a part of a minute of *stations* that always have something to send, in the open."""
-    kernel, trace = Kernel(), Trace(DRAWN)
-    unlimited = {"short_retries": None, "long_retries": None}
-    channel = AdhocChannel(AdhocSettings(**radio, **unlimited), kernel, trace, stations, Streams(1))
-    given = Parameters(network=Network(radio=AdhocSettings(**radio)), stations=stations, payloads=10**9)
-    tally = Tally(channel, given)
-    for address in range(stations):
-        channel.attach(address, Host(address, tally, stations, bytes(1500)))
-    kernel.run(PART_S * S)
-    bounds = {"bounds_m": [0, 0, 10, 10], "walls_m": [], "polygons_m": [], "radii_m": [0.2] * stations}
-    return of_run(trace, {"name": "saturated", **bounds}, {})
-
-
 @pytest.mark.slow
-def test_a_minute_of_802_11_at_saturation_takes_at_most_five(tmp_path: Path) -> None:
-    recording = saturated({"phy": "dsss", "rate_mbps": 11}, stations=5)
-    assert recording.count("transmissions") * 60 / PART_S > 60_000
-    assert write_page(recording, tmp_path / "run.html", (0, PART_S * S)) > 5 * recording.count("transmissions")
-    assert (tmp_path / "run.html").stat().st_size * 60 / PART_S <= 5_000_000
+@pytest.mark.parametrize(
+    ("radio", "part_s", "least"),
+    [({"phy": "dsss", "rate_mbps": 11}, 12, 60_000), ({"phy": "ofdm", "rate_mbps": 54}, 4, 300_000)],
+    ids=["11", "54"],
+)
+def test_a_minute_of_802_11_at_saturation_takes_at_most_five(
+    radio: dict[str, Any], part_s: int, least: int, tmp_path: Path
+) -> None:
+    # a part of a minute is simulated: a page has no less beside its boxes for a shorter run
+    recording = saturated(radio, 5, part_s * S)
+    assert recording.count("transmissions") * 60 / part_s > least
+    assert write_page(recording, tmp_path / "run.html", (0, part_s * S)) > 5 * recording.count("transmissions")
+    assert (tmp_path / "run.html").stat().st_size * 60 / part_s <= 5_000_000

@@ -12,21 +12,39 @@ async function read() {
   const size = new DataView(bytes.buffer).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + size)));
   let at = 4 + size;
-  const columns = head.columns.map(([count, least, width, differences]) => {
+  const columns = head.columns.map(([count, width, differences, few]) => {
     const values = new Float64Array(count);  // exact up to 2^53 ns, which is 104 days
     for (let rank = 0, scale = 1; rank < width; rank++, scale *= 256, at += count)
       for (let row = 0; row < count; row++) values[row] += bytes[at + row] * scale;
-    for (let row = 0, before = 0; row < count; row++) before = values[row] += least + (differences ? before : 0);
+    for (let row = 0, before = 0; row < count; row++)
+      before = values[row] = (few.length > 1 ? few[values[row]] : values[row] + few[0]) + (differences ? before : 0);
     return values;
   });
   return [head, columns];
 }
 
+const NUMBERS = ["starts", "lengths", "kinds", "outcomes", "channels", "sizes", "sources", "peers"], TEXTS = ["part", "detail"];
+
+function distribute(lanes, table, columns) {  // put what a table holds in order of time where it belongs: into its *lanes*
+  const places = columns[table.lane], counts = lanes.map(() => 0);
+  for (const number of places) counts[number]++;
+  const rows = counts.map((count) => new Uint32Array(count)), filled = counts.map(() => 0);
+  places.forEach((number, row) => { rows[number][filled[number]++] = row; });
+  const pick = (column, mine) => { const found = new Float64Array(mine.length); mine.forEach((row, at) => { found[at] = column[row]; }); return found; };
+  for (const name of NUMBERS) if (table[name] !== undefined)
+    lanes.forEach((lane, number) => { if (counts[number]) lane[name] = pick(columns[table[name]], rows[number]); });
+  for (const name of TEXTS) if (table[name] !== undefined) {
+    const [sizes, ...words] = table[name].map((number) => columns[number]), next = words.map(() => 0);
+    lanes.forEach((lane, number) => { if (counts[number]) lane[name] = words.map((column, place) =>
+      Int32Array.from(rows[number], (row) => sizes[row] > place ? column[next[place]++] : -1)); });
+  }
+}
+
 function unpack([head, columns]) {
-  const lanes = head.lanes.map((lane) => {
-    const opened = { robot: lane.robot, radio: lane.radio, what: lane.what };
-    for (const name of ["starts", "lengths", "kinds", "outcomes", "channels", "sizes", "sources", "peers", "part", "detail"])
-      opened[name] = lane[name] === undefined ? null : columns[lane[name]];
+  const lanes = head.lanes.map(([robot, radio, what]) => ({ robot, radio, what }));
+  for (const table of head.tables) distribute(lanes, table, columns);
+  for (const opened of lanes) {
+    for (const name of [...NUMBERS, ...TEXTS]) opened[name] ??= null;
     const count = opened.starts.length;
     opened.busy = new Float64Array(count + 1);
     opened.gone = new Uint32Array(count + 1);
@@ -36,8 +54,7 @@ function unpack([head, columns]) {
       opened.gone[row + 1] = opened.gone[row] + (opened.what !== "states" && head.lost.includes(head.words[opened.outcomes[row]]));
       opened.longest = Math.max(opened.longest, opened.lengths[row]);
     }
-    return opened;
-  });
+  }
   const [times, robots, names, texts] = head.events.map((number) => columns[number]);
   return { ...head, lanes, from: Number(head.span[0]), to: Number(head.span[1]), ticks: columns[head.ticks],
     poses: head.poses.map((axes) => axes.map((number) => columns[number])), events: { times, robots, names, texts } };
@@ -90,6 +107,7 @@ function layOut() {
 
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const word = (number) => run.words[number];
+const textOf = (words, row) => words.map((column) => column[row]).filter((number) => number >= 0).map(word).join(" ");
 const isLost = (lane, row) => lane.gone[row + 1] > lane.gone[row];
 
 function sized(canvas, height) {
@@ -355,7 +373,7 @@ function choose(lane, row, centre) {
   if (lane.peers && lane.what === "sent") fields.push(["to", lane.peers[row] < 0 ? "all" : `robot ${lane.peers[row]}`]);
   if (lane.channels && lane.channels[row] >= 0) fields.push(["RF channel", `${lane.channels[row]}, ${2402 + lane.channels[row]} MHz`]);
   if (lane.sizes) fields.push(["payload", `${lane.sizes[row]} B`]);
-  for (const name of ["part", "detail"]) if (lane[name] && word(lane[name][row])) fields.push([name === "part" ? "lost part" : name, word(lane[name][row])]);
+  for (const name of ["part", "detail"]) if (lane[name] && textOf(lane[name], row)) fields.push([name === "part" ? "lost part" : name, textOf(lane[name], row)]);
   const source = lane.what === "sent" ? lane.robot : lane.sources ? lane.sources[row] : null;
   if (source !== null) for (const other of run.lanes) if (other.what === "received" && other.radio === lane.radio)
     for (let at = lower(other.starts, now); at < other.starts.length && other.starts[at] === now; at++)
