@@ -18,9 +18,10 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.arrays import Int64s
-from cosim.export.lanes import STATE, Lane, lanes
+from cosim.export.lanes import STATE, STATES, Lane, lanes, named, packet_names
 from cosim.export.recording import ROBOTS, Recording
 from cosim.picture.colours import is_lost, look, state_fill
+from cosim.timeline.sensing import SENSED
 from cosim.trace import drafted
 from cosim.units import Time
 
@@ -81,11 +82,12 @@ def write_page(recording: Recording, path: Path, span: tuple[Time, Time]) -> int
 def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
     """Return the data of the page, and the number of boxes in it."""
     columns, words = Columns(), Words()
-    found = [_within(lane, span) for lane in lanes(recording)]
+    names = packet_names(recording, *span)
+    found = [named(recording, _within(lane, span), names) for lane in lanes(recording)]
     rows = [_lane(recording, lane, columns, words) for lane in found if len(lane.rows) for lane in _apart(lane)]
-    kinds = {kind for lane in found if lane.what != STATE for kind in lane.kinds}
-    states = {kind for lane in found if lane.what == STATE for kind in lane.kinds}
-    lost = {each for lane in found if lane.what != STATE for each in lane.outcomes if is_lost(lane.what, each)}
+    kinds = {kind for lane in found if lane.what not in STATES for kind in lane.kinds}
+    states = {kind for lane in found if lane.what in STATES for kind in lane.kinds}
+    lost = {each for lane in found if lane.what not in STATES for each in lane.outcomes if is_lost(lane.what, each)}
     times, poses = recording.poses()
     text: dict[str, Any] = {
         "title": recording.title,
@@ -142,12 +144,13 @@ def _chosen(lane: Lane, at: Int64s) -> Lane:
 
 def _lane(recording: Recording, lane: Lane, columns: Columns, words: Words) -> dict[str, Any]:
     def column(name: str) -> Any:
-        return recording.column(lane.table, name)[lane.rows] if recording.has(lane.table, name) else None
+        there = recording.has(lane.table, name) and (name == "source" or lane.what not in SENSED)
+        return recording.column(lane.table, name)[lane.rows] if there else None
 
     row: dict[str, Any] = {
         "robot": lane.robot,
         "radio": lane.radio,
-        "what": lane.what,
+        "what": STATE if lane.what in STATES else lane.what,
         "starts": columns.add(lane.starts, differences=True),
         "lengths": columns.add(lane.ends - lane.starts),
         "kinds": columns.add(words.codes(lane.kinds)),
