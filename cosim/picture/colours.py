@@ -41,7 +41,7 @@ _STATES: Final[dict[str, str]] = {
     "slave": "#d3ecdc",
     "route": "#d9cbe8",
     "busy": "#cccccc",
-    "NAV": "#e8dcc0",
+    "NAV": "#a9bcd8",
     **dict.fromkeys(("difs", "eifs", "awaits_ack", "awaits_cts"), "#e6e6e6"),
     **dict.fromkeys(("killed", "crashed", "frozen", "off", "jammer"), "#e9a3a0"),
 }

@@ -1,5 +1,6 @@
 """The page of a run that needs no server: what Chromium reads from the disk is what the tables hold."""
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +18,7 @@ from cosim.randomness import Streams
 from cosim.trace import Trace
 from cosim.units import S
 from experiments.saturation_throughput.saturation import Host, Network, Parameters, Tally
-from tests.export.recordings import make, sendings
+from tests.export.recordings import called, make, sendings, silences
 from tests.web.browser import GRAVE, axe
 
 Whole = tuple[Recording, dict[str, pd.DataFrame], Path]
@@ -79,6 +80,40 @@ def test_what_the_browser_reads_is_what_the_table_holds(browser: Any, page_file:
     for (x, y, _), row in zip(places, last.itertuples(), strict=True):
         assert (x, y) == pytest.approx((row.x_m, row.y_m), abs=0.0051)  # a page keeps centimetres
     assert events == piconet[1]["events"][["time_ns", "event"]].values.tolist()
+
+
+SILENCES = """() => run.lanes.filter((lane) => lane.what === "states").flatMap((lane) =>
+  [...lane.starts].map((start, row) =>
+    [start, start + lane.lengths[row], lane.robot, lane.radio, word(lane.kinds[row])]))
+  .filter((box) => box[4] === "busy" || box[4] === "NAV")"""
+
+
+@pytest.mark.slow
+def test_a_page_of_802_11_has_carrier_sense_and_the_names_of_routers_packets(
+    browser: Any, line: tuple[Recording, dict[str, pd.DataFrame]], tmp_path: Path
+) -> None:
+    recording, tables = line
+    write_page(recording, tmp_path / "run.html", (0, recording.end + 1))
+    with shown(browser, tmp_path / "run.html") as page:
+        read = page.evaluate(SILENCES)
+        sent = page.evaluate(SENT)
+        legend = page.locator("#legend").inner_text()
+    expected = [
+        (*span, robot, radio, what)
+        for (robot, radio, what), each in silences(recording, tables).items()
+        for span in each
+    ]
+    assert sorted(map(tuple, read)) == sorted(expected)
+    columns = (tables["transmissions"][name] for name in ("time_ns", "source", "kind"))
+    names = called(tables)
+    assert sorted(map(tuple, sent)) == sorted(
+        (time, source, names.get((time, source), kind)) for time, source, kind in zip(*columns, strict=True)
+    )
+    assert {"busy", "NAV", "RREQ", "RREP"} < set(legend.split())
+
+
+SENT = """() => run.lanes.filter((lane) => lane.what === "sent").flatMap((lane) =>
+  [...lane.starts].map((start, row) => [start, lane.robot, word(lane.kinds[row])]))"""
 
 
 @pytest.mark.slow
@@ -179,7 +214,8 @@ def saturated(radio: dict[str, Any], stations: int) -> Recording:
         channel.attach(address, Host(address, tally, stations, bytes(1500)))
     kernel.run(PART_S * S)
     bounds = {"bounds_m": [0, 0, 10, 10], "walls_m": [], "polygons_m": [], "radii_m": [0.2] * stations}
-    return of_run(trace, {"name": "saturated", **bounds}, {})
+    scenario = {"channel": AdhocSettings(**radio).model_dump(mode="json")}
+    return of_run(trace, {"name": "saturated", **bounds}, {"scenario": json.dumps(scenario)})
 
 
 @pytest.mark.slow
