@@ -21,7 +21,6 @@ from cosim.arrays import Int64s
 from cosim.export.lanes import STATE, STATES, Lane, lanes, named, packet_names
 from cosim.export.recording import ROBOTS, Recording
 from cosim.picture.colours import is_lost, look, state_fill
-from cosim.timeline.sensing import SENSED
 from cosim.trace import drafted
 from cosim.units import Time
 
@@ -82,12 +81,11 @@ def write_page(recording: Recording, path: Path, span: tuple[Time, Time]) -> int
 def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
     """Return the data of the page, and the number of boxes in it."""
     columns, words = Columns(), Words()
-    names = packet_names(recording, *span)
-    found = [named(recording, _within(lane, span), names) for lane in lanes(recording)]
+    found = [_within(lane, span) for lane in _lanes(recording, span)]
     rows = [_lane(recording, lane, columns, words) for lane in found if len(lane.rows) for lane in _apart(lane)]
-    kinds = {kind for lane in found if lane.what not in STATES for kind in lane.kinds}
-    states = {kind for lane in found if lane.what in STATES for kind in lane.kinds}
-    lost = {each for lane in found if lane.what not in STATES for each in lane.outcomes if is_lost(lane.what, each)}
+    kinds = {kind for lane in found if lane.what != STATE for kind in lane.kinds}
+    states = {kind for lane in found if lane.what == STATE for kind in lane.kinds}
+    lost = {each for lane in found if lane.what != STATE for each in lane.outcomes if is_lost(lane.what, each)}
     times, poses = recording.poses()
     text: dict[str, Any] = {
         "title": recording.title,
@@ -120,6 +118,13 @@ def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
 _STEPS: Final = (STEP_M, STEP_M, _STEP_RAD)
 
 
+def _lanes(recording: Recording, span: tuple[Time, Time]) -> list[Lane]:
+    """Return the lanes as the page has them: what 802.11 senses are states, and routers' packets have their names."""
+    names = packet_names(recording, *span)
+    found = [named(recording, lane, names) for lane in lanes(recording)]
+    return [lane._replace(what=STATE) if lane.what in STATES else lane for lane in found]
+
+
 def _within(lane: Lane, span: tuple[Time, Time]) -> Lane:
     return _chosen(lane, np.flatnonzero((lane.starts < span[1]) & (lane.ends > span[0])))
 
@@ -144,13 +149,12 @@ def _chosen(lane: Lane, at: Int64s) -> Lane:
 
 def _lane(recording: Recording, lane: Lane, columns: Columns, words: Words) -> dict[str, Any]:
     def column(name: str) -> Any:
-        there = recording.has(lane.table, name) and (name == "source" or lane.what not in SENSED)
-        return recording.column(lane.table, name)[lane.rows] if there else None
+        return recording.column(lane.table, name)[lane.rows] if recording.has(lane.table, name) else None
 
     row: dict[str, Any] = {
         "robot": lane.robot,
         "radio": lane.radio,
-        "what": STATE if lane.what in STATES else lane.what,
+        "what": lane.what,
         "starts": columns.add(lane.starts, differences=True),
         "lengths": columns.add(lane.ends - lane.starts),
         "kinds": columns.add(words.codes(lane.kinds)),
