@@ -92,7 +92,7 @@ def packet_names(recording: Recording, begin: Time, end: Time) -> dict[Sending, 
     return {key: name for key, name in zip(sendings(recording, table, rows), names, strict=True) if name}
 
 
-def named(recording: Recording, lane: Lane, names: dict[Sending, str]) -> Lane:
+def with_names(recording: Recording, lane: Lane, names: dict[Sending, str]) -> Lane:
     """Return *lane* with the *names* of routers' packets in the place of what the frames are to a radio: DATA."""
     if not names or lane.what in STATES:
         return lane

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from cosim import __version__
-from cosim.export.lanes import HEARD, SENT, WHOLE, Lane, Sending, lanes, named, packet_names, sendings
+from cosim.export.lanes import HEARD, SENT, WHOLE, Lane, Sending, lanes, packet_names, sendings, with_names
 from cosim.export.recording import Recording
 from cosim.timeline.sensing import SENSED
 from cosim.trace import drafted
@@ -54,7 +54,7 @@ def write_perfetto(recording: Recording, path: Path) -> int:
 def events(recording: Recording) -> Iterator[Event]:
     """Yield the records: names, then slices, flows, instants and counters."""
     names = packet_names(recording, 0, recording.end + 1)
-    found = [named(recording, lane, names) for lane in lanes(recording)]
+    found = [with_names(recording, lane, names) for lane in lanes(recording)]
     robots = sorted({lane.robot for lane in found} | set(range(recording.size)), key=lambda robot: robot % (1 << 62))
     for rank, robot in enumerate(robots):
         yield _named("process_name", _process(robot), 0, name=f"robot {robot}" if robot >= 0 else "jammers")

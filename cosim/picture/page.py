@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.arrays import Int64s
-from cosim.export.lanes import STATE, STATES, Lane, lanes, named, packet_names
+from cosim.export.lanes import STATE, STATES, Lane, lanes, packet_names, with_names
 from cosim.export.recording import ROBOTS, Recording
 from cosim.picture.colours import is_lost, look, state_fill
 from cosim.trace import drafted
@@ -121,7 +121,7 @@ _STEPS: Final = (STEP_M, STEP_M, _STEP_RAD)
 def _lanes(recording: Recording, span: tuple[Time, Time]) -> list[Lane]:
     """Return the lanes as the page has them: what 802.11 senses are states, and routers' packets have their names."""
     names = packet_names(recording, *span)
-    found = [named(recording, lane, names) for lane in lanes(recording)]
+    found = [with_names(recording, lane, names) for lane in lanes(recording)]
     return [lane._replace(what=STATE) if lane.what in STATES else lane for lane in found]
 
 
