@@ -67,12 +67,8 @@ def test_slices_are_as_many_as_rows_and_each_is_at_its_time(made: Made) -> None:
 
 @pytest.mark.slow
 def test_slices_of_a_thread_nest(made: Made) -> None:
-    check_nesting(slices(made))
-
-
-def check_nesting(found: list[dict[str, Any]]) -> None:
     by_thread = defaultdict(list)
-    for each in found:
+    for each in slices(made):
         by_thread[each["pid"], each["tid"]].append((ns(each["ts"]), -ns(each["ts"]) - ns(each["dur"])))
     assert len(by_thread) > 4
     for boxes in by_thread.values():
@@ -159,7 +155,6 @@ def test_what_is_busy_or_reserved_is_a_slice_of_its_robot_s_lane(routed: Made) -
                 assert {(begin - delay, each["args"]["source"]) for delay in (0, 1000)} & starts
     assert found == silences(recording, tables)
     assert len(found) == 8
-    check_nesting(slices(routed))
 
 
 def test_routers_packets_have_their_names_where_they_are_sent_and_received(routed: Made) -> None:
