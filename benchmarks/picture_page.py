@@ -7,6 +7,7 @@ in memory, and with --open the time until Chromium, which reads it from the disk
 """
 
 import argparse
+import json
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -16,18 +17,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import experiments
-from cosim.channels.adhoc.channel import AdhocChannel
+from benchmarks.peers import saturation
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.cli_pictures import recording_of
 from cosim.export.recording import DRAWN, Recording, of_run
 from cosim.kernel import Kernel
 from cosim.picture.page import write_page
-from cosim.randomness import Streams
 from cosim.scenario import load
 from cosim.simulation import Simulation
 from cosim.trace import Trace
 from cosim.units import S, Time
-from experiments.saturation_throughput.saturation import Host, Network, Parameters, Tally
 
 MINUTE: Time = 60 * S
 PICONET = Path(next(iter(experiments.__path__))).parent / "examples" / "2_bluetooth.yaml"
@@ -41,18 +40,15 @@ def piconet() -> Recording:
     return recording_of(simulation, simulation.run(), scenario.seed)
 
 
-def saturated(radio: dict[str, Any], stations: int, until: Time) -> Recording:
-    """Return a run of *stations* that always have something to send, in the open."""
+def saturated(radio: dict[str, Any], nodes: int, until: Time) -> Recording:
+    """Return a run of *nodes* stations that always have something to send, in the open."""
     kernel, trace = Kernel(), Trace(DRAWN)
-    unlimited = {"short_retries": None, "long_retries": None}
-    channel = AdhocChannel(AdhocSettings(**radio, **unlimited), kernel, trace, stations, Streams(1))
-    given = Parameters(network=Network(radio=AdhocSettings(**radio)), stations=stations, payloads=10**9)
-    tally = Tally(channel, given)
-    for address in range(stations):
-        channel.attach(address, Host(address, tally, stations, bytes(1500)))
+    settings = AdhocSettings(**radio, short_retries=None, long_retries=None)
+    saturation.saturated(kernel, trace, nodes, 1, settings)
     kernel.run(until)
-    bounds = {"bounds_m": [0, 0, 10, 10], "walls_m": [], "polygons_m": [], "radii_m": [0.2] * stations}
-    return of_run(trace, {"name": "saturated", **bounds}, {})
+    bounds = {"bounds_m": [0, 0, 10, 10], "walls_m": [], "polygons_m": [], "radii_m": [0.2] * nodes}
+    scenario = json.dumps({"channel": settings.model_dump(mode="json")})  # without it nobody knows what is sensed
+    return of_run(trace, {"name": "saturated", **bounds}, {"scenario": scenario})
 
 
 RUNS: dict[str, tuple[float, Callable[[], Recording]]] = {

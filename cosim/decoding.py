@@ -32,6 +32,23 @@ def decoded(scenario: Scenario, payload: bytes, routed: bool = False) -> Plain:
     return _sentence_or(_payload, scenario, payload)
 
 
+def packet_name(packet: bytes) -> str:
+    """Return what a router's IPv4 *packet* is called by what it carries: RREQ, RREP, ..., HELLO, TC, HELLO+TC.
+
+    Nothing if that is a host's payload, or no message.
+    """
+    try:
+        datagram = ip.decode(packet)
+        if datagram.port == ip.AODV_PORT:
+            return type(aodv_wire.decode_message(datagram.data)).__name__.upper()
+        if datagram.port == ip.OLSR_PORT:
+            messages = olsr_wire.decode_packet(datagram.data)[1]
+            return "+".join(dict.fromkeys(_OLSR_NAMES.get(each.kind, "OLSR") for each in messages))
+    except WireError:
+        pass
+    return ""
+
+
 def plain(value: Any) -> Plain:
     """Return a decoded message, or a part of one, as plain data: bytes in hexadecimal, names of enumerations."""
     match value:
@@ -111,6 +128,7 @@ def _olsr(scenario: Scenario, data: bytes) -> Any:
 
 
 _PORTS: Final = {ip.PAYLOAD_PORT: _of_host, ip.AODV_PORT: _of_aodv, ip.OLSR_PORT: _of_olsr}
+_OLSR_NAMES: Final = {olsr_wire.HELLO: "HELLO", olsr_wire.TC: "TC"}
 _OLSR: Final[dict[int, Callable[[bytes], Any]]] = {
     olsr_wire.HELLO: olsr_wire.decode_hello,
     olsr_wire.TC: olsr_wire.decode_tc,

@@ -99,8 +99,7 @@ class Parts:
         """Return the Arrow table in *part*; raise UserError if that is damaged."""
         import pyarrow.parquet as pq
 
-        # a part is small, and a thread of Arrow's that is still at work, as read_table starts one, would abort a process
-        # that ends
+        # a thread of Arrow's, as read_table starts one, aborts a process that ends while it is still at work
         how = {"pre_buffer": False, "page_checksum_verification": True}
         return self._checked(part, lambda file: pq.ParquetFile(file, **how).read(columns, use_threads=False))
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.channels.adhoc.routing import aodv_wire, ip, olsr_wire
-from cosim.decoding import Plain, decoded, plain
+from cosim.decoding import Plain, decoded, packet_name, plain
 from cosim.machine import BROADCAST
 from cosim.scenario import Scenario, protocol_names
 from cosim.simulation import Simulation
@@ -158,6 +158,28 @@ def test_route_requests_and_topologies_are_taken_apart() -> None:
         {"type": "Tc", "ansn": 5, "neighbours": [3]},
         "ab",
     ]
+
+
+@pytest.mark.parametrize(
+    ("message", "name"),
+    [
+        (aodv_wire.Rreq(0, 1, 3, None, 1, 7), "RREQ"),
+        (aodv_wire.Rrep(0, 3, 5, 1, 3000), "RREP"),
+        (aodv_wire.Rerr(((3, 17),)), "RERR"),
+        (aodv_wire.RrepAck(), "RREPACK"),
+    ],
+)
+def test_a_router_s_packet_is_called_by_its_message(message: aodv_wire.Message, name: str) -> None:
+    assert packet_name(udp(ip.AODV_PORT, aodv_wire.encode_message(message))) == name
+
+
+def test_a_router_s_packet_is_called_by_its_messages_and_others_not_at_all() -> None:
+    messages = [olsr_wire.Message(kind, 6 * S, 1, 1, 0, 9, b"abcd") for kind in (1, 2, 1, 77)]
+    assert packet_name(udp(ip.OLSR_PORT, olsr_wire.encode_packet(8, messages))) == "HELLO+TC+OLSR"
+    assert packet_name(udp(ip.OLSR_PORT, olsr_wire.encode_packet(8, messages[:1]))) == "HELLO"
+    assert not packet_name(udp(ip.PAYLOAD_PORT, b"abc"))
+    assert not packet_name(udp(ip.AODV_PORT, b"\x09"))
+    assert not packet_name(b"\x45")
 
 
 def test_a_team_of_several_piconets_tells_names_and_packets() -> None:

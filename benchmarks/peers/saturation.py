@@ -47,9 +47,11 @@ class Station:
         """Do nothing."""
 
 
-def saturated(kernel: Kernel, trace: Trace, nodes: int, seed: int) -> tuple[AdhocChannel, list[Station]]:
-    """Return a channel and the stations on it, which have everything to send from time 0 on."""
-    channel = AdhocChannel(RADIO, kernel, trace, nodes, Streams(seed))
+def saturated(
+    kernel: Kernel, trace: Trace, nodes: int, seed: int, radio: AdhocSettings = RADIO
+) -> tuple[AdhocChannel, list[Station]]:
+    """Return a channel and the stations on it, which always have something to send from time 0 on."""
+    channel = AdhocChannel(radio, kernel, trace, nodes, Streams(seed))
     stations = [Station(channel, address) for address in range(nodes)]
     for address, station in enumerate(stations):
         channel.attach(address, station)

@@ -6,7 +6,7 @@ schema's name.
 
 import base64
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from cosim.units import S, Time
@@ -68,6 +68,7 @@ SCHEMAS: Final[dict[str, Plain]] = {
     ),
     "foxglove.Log": fields(timestamp=_INSTANT, level=INTEGER, message=TEXT, name=TEXT, file=TEXT, line=INTEGER),
     "cosim.Radio": fields(timestamp=_INSTANT, state=TEXT, role=TEXT, links=INTEGER, peers=TEXT, down=FLAG),
+    "cosim.Medium": fields(timestamp=_INSTANT, state=TEXT),
     "cosim.Traffic": fields(timestamp=_INSTANT, frames_sent=INTEGER, frames_received=INTEGER, frames_lost=INTEGER,
                             payloads_received=INTEGER),
     "cosim.Metrics": {"type": "object", "additionalProperties": NUMBER},
@@ -198,8 +199,11 @@ def log(time: Time, level: int, name: str, message: str, file: str, line: int) -
     return {"timestamp": instant(time), "level": level, "message": message, "name": name, "file": file, "line": line}
 
 
-def layout(robots: Sequence[int]) -> Plain:
-    """Return panels for *robots*, as Foxglove imports them: the floor, states, traffic, frames and events."""
+def layout(robots: Sequence[int], topics: Container[str] = ()) -> Plain:
+    """Return panels for *robots*, as Foxglove imports them: the floor, states, traffic, frames and events.
+
+    Those of *topics* that only 802.11 has are shown, too.
+    """
     names = [f"robot_{robot}" for robot in robots]
     panels = {
         "3D!floor": {
@@ -213,7 +217,10 @@ def layout(robots: Sequence[int]) -> Plain:
         "StateTransitions!radio": {
             "isSynced": True,
             "paths": [
-                {"value": f"/{name}/radio.state", "timestampMethod": "receiveTime", "label": name} for name in names
+                {"value": f"/{name}/{topic}.state", "timestampMethod": "receiveTime", "label": label}
+                for name in names
+                for topic, label in (("radio", name), ("medium", f"{name}: medium"))
+                if topic == "radio" or f"/{name}/{topic}" in topics
             ],
         },
         "Plot!traffic": {

@@ -5,8 +5,8 @@ file's metadata says so.
 """
 
 import json
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw
 from cosim import __version__
 from cosim.export import foxglove
 from cosim.export.foxglove import colour
-from cosim.export.lanes import WHOLE
+from cosim.export.lanes import WHOLE, packet_names, sendings, sensed_lanes
 from cosim.export.recording import DOWN, ROBOTS, UP, Recording
 from cosim.trace import drafted
 from cosim.units import S, Time, to_seconds
@@ -36,6 +36,10 @@ TOPICS: Final[dict[str, tuple[str, str]]] = {
     "/radio/frames": ("foxglove.Log", "a line for each row of the table of frames; lost ones are warnings"),
     "/events": ("foxglove.Log", "what machines report, and news of links"),
     "/robot_N/radio": ("cosim.Radio", "what robot N's radios are doing, its role and links; when that changes"),
+    "/robot_N/medium": (
+        "cosim.Medium",
+        "if the medium is busy, or reserved (NAV), to robot N's 802.11 radios; when that changes",
+    ),
     "/robot_N/traffic": ("cosim.Traffic", "frames sent, received and lost, and payloads received, in the last second"),
     "/metrics": ("cosim.Metrics", "the metrics of the run, at its end"),
 }
@@ -76,7 +80,7 @@ def write_mcap(recording: Recording, path: Path) -> int:
         _attach(writer, recording)
         writer.finish()
     with drafted(layout_path(path)) as draft:
-        draft.write_text(json.dumps(foxglove.layout(range(recording.size)), indent=1), encoding="utf-8")
+        draft.write_text(json.dumps(foxglove.layout(range(recording.size), channels), indent=1), encoding="utf-8")
     return count
 
 
@@ -111,6 +115,7 @@ def messages(recording: Recording) -> Iterator[Message]:
         _frames(recording),
         _events(recording),
         iter(sorted(_radios(recording), key=itemgetter(0))),
+        iter(sorted(_media(recording), key=itemgetter(0))),
         iter(sorted(_traffic(recording), key=itemgetter(0))),
         _metrics(recording),
     )
@@ -232,11 +237,13 @@ def _jammers(recording: Recording) -> Iterator[Message]:
 
 
 def _frames(recording: Recording) -> Iterator[Message]:
-    for number, row in enumerate(recording.rows("frames")):
+    names = packet_names(recording, 0, recording.end + 1)
+    for number, (row, sending) in enumerate(zip(recording.rows("frames"), sendings(recording, "frames"), strict=True)):
         receiver = "all" if row["destination"] < 0 else f"robot {row['destination']}"
         outcome = f"{row['outcome']}{' in the ' + row['part'] if row['part'] else ''}"
         channel = f", channel {row['channel']}" if row["channel"] >= 0 else ""
-        words = f"{row['kind']} to {receiver}{channel}, {row['length']} B, {row['duration_ns'] / 1000:g} µs: {outcome}"
+        kind = names.get(sending, row["kind"])
+        words = f"{kind} to {receiver}{channel}, {row['length']} B, {row['duration_ns'] / 1000:g} µs: {outcome}"
         level = foxglove.INFO if row["outcome"] in WHOLE else foxglove.WARNING
         told = foxglove.log(EPOCH + row["time_ns"], level, f"robot_{row['source']}", words, "frames", number)
         yield row["time_ns"], "/radio/frames", told
@@ -263,7 +270,7 @@ def _events(recording: Recording) -> Iterator[Message]:
 
 def _radios(recording: Recording) -> Iterator[Message]:
     """Yield what each robot's radios do, whenever that changes."""
-    changes: dict[int, list[tuple[Time, int, str, str]]] = {robot: [(0, 0, "", "")] for robot in range(recording.size)}
+    changes: dict[int, list[_Change]] = {robot: [(0, 0, "", "")] for robot in range(recording.size)}
     for row in recording.rows("intervals"):
         if row["robot"] >= 0:
             changes[row["robot"]] += [
@@ -277,15 +284,8 @@ def _radios(recording: Recording) -> Iterator[Message]:
     for row in recording.rows("events"):
         if row["event"] in DOWN | UP and row["source"] in changes:
             changes[row["source"]].append((row["time_ns"], 1 if row["event"] in DOWN else -1, "down", "down"))
-    last = recording.end
     for robot, found in changes.items():
-        counts: Counter[tuple[str, str]] = Counter()
-        found.sort(key=itemgetter(0))
-        for number, (time, change, what, word) in enumerate(found):
-            counts[what, word] += change
-            if time > last or (number + 1 < len(found) and found[number + 1][0] == time):
-                continue  # several changes at one instant are one message
-            on = {name: sorted(word for (kind, word), n in counts.items() if kind == name and n > 0) for name in _WHAT}
+        for time, on in _settled(found, recording.end):
             yield (
                 time,
                 f"/robot_{robot}/radio",
@@ -300,7 +300,35 @@ def _radios(recording: Recording) -> Iterator[Message]:
             )
 
 
-_WHAT: Final = ("state", "role", "peer", "down")
+def _media(recording: Recording) -> Iterator[Message]:
+    """Yield for each robot with 802.11 whether its radios sense a busy or reserved medium, whenever that changes."""
+    changes: dict[int, list[_Change]] = {}
+    for lane in sensed_lanes(recording):
+        found = changes.setdefault(lane.robot, [(0, 0, "", "")])
+        for start, end in zip(lane.starts.tolist(), lane.ends.tolist(), strict=True):
+            found += [(start, 1, "state", lane.what), (end, -1, "state", lane.what)]
+    for robot, found in changes.items():
+        for time, on in _settled(found, recording.end):
+            state = " + ".join(on["state"]) or "idle"
+            yield time, f"/robot_{robot}/medium", {"timestamp": foxglove.instant(EPOCH + time), "state": state}
+
+
+_Change = tuple[Time, int, str, str]
+"""When how many more are there, of what, and the word for it."""
+
+
+def _settled(changes: list[_Change], last: Time) -> Iterator[tuple[Time, Mapping[str, list[str]]]]:
+    """Yield at each instant of *changes* up to *last* the words for all that is there then, by what they are of."""
+    counts: Counter[tuple[str, str]] = Counter()
+    changes.sort(key=itemgetter(0))
+    for number, (time, change, what, word) in enumerate(changes):
+        counts[what, word] += change
+        if time > last or (number + 1 < len(changes) and changes[number + 1][0] == time):
+            continue  # several changes at one instant are one message
+        on: defaultdict[str, list[str]] = defaultdict(list)
+        for name, each in sorted(key for key, count in counts.items() if count > 0):
+            on[name].append(each)
+        yield time, on
 
 
 def _traffic(recording: Recording) -> Iterator[Message]:

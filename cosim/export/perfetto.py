@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from cosim import __version__
-from cosim.export.lanes import HEARD, SENT, WHOLE, Lane, lanes
+from cosim.export.lanes import HEARD, SENT, WHOLE, Lane, Sending, lanes, packet_names, sendings, with_names
 from cosim.export.recording import Recording
+from cosim.timeline.sensing import SENSED
 from cosim.trace import drafted
 from cosim.units import S, Time
 
@@ -52,7 +53,8 @@ def write_perfetto(recording: Recording, path: Path) -> int:
 
 def events(recording: Recording) -> Iterator[Event]:
     """Yield the records: names, then slices, flows, instants and counters."""
-    found = lanes(recording)
+    names = packet_names(recording, 0, recording.end + 1)
+    found = [with_names(recording, lane, names) for lane in lanes(recording)]
     robots = sorted({lane.robot for lane in found} | set(range(recording.size)), key=lambda robot: robot % (1 << 62))
     for rank, robot in enumerate(robots):
         yield _named("process_name", _process(robot), 0, name=f"robot {robot}" if robot >= 0 else "jammers")
@@ -117,7 +119,7 @@ def _slices(lane: Lane, process: int, threads: Sequence[int], recording: Recordi
         yield {
             "ph": "X",
             "name": kind if outcome in WHOLE else f"{kind} {outcome}",
-            "cat": lane.table,
+            "cat": lane.what if lane.what in SENSED else lane.table,  # its row is that of the frame it begins with
             "ts": start / 1000,
             "dur": (end - start) / 1000,
             "pid": process,
@@ -135,14 +137,14 @@ def _arguments(recording: Recording, lane: Lane) -> Iterator[Mapping[str, Any]]:
 
 def _flows(recording: Recording, placed: Mapping[tuple[str, int], tuple[int, int]]) -> Iterator[Event]:
     """Yield an arrow from each transmission to each frame of it that a robot received, or was to receive."""
-    by_key: dict[tuple[int, int, int, str], tuple[int, int]] = {}
+    by_key: dict[Sending, tuple[int, int]] = {}
     for table in ("frames", "transmissions"):
-        for row, key in enumerate(_keys(recording, table)):
+        for row, key in enumerate(sendings(recording, table)):
             where = placed.get((f"{SENT} {table}", row))
             if where is not None:
                 by_key[key] = where
     number = 0
-    for row, key in enumerate(_keys(recording, "frames")):
+    for row, key in enumerate(sendings(recording, "frames")):
         sender, receiver = by_key.get(key), placed.get((f"{HEARD} frames", row))
         if sender is None or receiver is None:
             continue
@@ -150,13 +152,6 @@ def _flows(recording: Recording, placed: Mapping[tuple[str, int], tuple[int, int
         for phase, (process, thread), more in (("s", sender, {}), ("f", receiver, {"bp": "e"})):
             common = {"cat": "air", "name": "air", "id": number, "ts": key[0] / 1000}
             yield {"ph": phase, **common, "pid": process, "tid": thread, **more}
-
-
-def _keys(recording: Recording, table: str) -> Iterator[tuple[int, int, int, str]]:
-    """Yield what a transmission is known by, for each row of *table*: its time, sender, radio and kind."""
-    if recording.count(table):
-        columns = [recording.column(table, name).tolist() for name in ("time_ns", "source")]
-        yield from zip(*columns, recording.radio(table).tolist(), recording.column(table, "kind"), strict=True)
 
 
 def _instants(recording: Recording) -> Iterator[Event]:

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from cosim.errors import UserError
-from cosim.export.lanes import STATE, Lane, lanes
+from cosim.export.lanes import STATES, Lane, lanes
 from cosim.export.recording import Recording
 from cosim.picture.moment import Room, View, draw_moment, room_for
 from cosim.picture.window import Box, boxes
@@ -100,10 +100,10 @@ def _room(recording: Recording, found: Sequence[Lane], span: tuple[Time, Time]) 
     frames = [
         Box(0, 0, lane.robot, lane.radio, lane.what, kind, -1, outcome, -1, "", "")
         for lane in found
-        if lane.what != STATE
+        if lane.what not in STATES
         for kind, outcome in dict.fromkeys(zip(lane.kinds, lane.outcomes, strict=True))
     ]
-    return room_for([*frames, *boxes(recording, (lane for lane in found if lane.what == STATE), *span)])
+    return room_for([*frames, *boxes(recording, (lane for lane in found if lane.what in STATES), *span)])
 
 
 def _encode(pictures: Iterator[Image.Image], path: Path, rate: int) -> None:

@@ -25,7 +25,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.arrays import Int64s
-from cosim.export.lanes import STATE, Lane, lanes
+from cosim.export.lanes import STATE, STATES, Lane, lanes, packet_names, with_names
 from cosim.export.recording import ROBOTS, Recording
 from cosim.picture.colours import is_lost, look, state_fill
 from cosim.trace import drafted
@@ -102,7 +102,7 @@ def write_page(recording: Recording, path: Path, span: tuple[Time, Time]) -> int
 def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
     """Return the data of the page, and the number of boxes in it."""
     columns, words = Columns(), Words()
-    found = [_within(lane, span) for lane in lanes(recording)]
+    found = [_within(lane, span) for lane in _lanes(recording, span)]
     shown = [part for lane in found if len(lane.rows) for part in _apart(lane)]
     states, frames = (
         {number: lane for number, lane in enumerate(shown) if (lane.what == STATE) is state} for state in (True, False)
@@ -141,6 +141,13 @@ def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
 
 
 _STEPS: Final = (STEP_M, STEP_M, _STEP_RAD)
+
+
+def _lanes(recording: Recording, span: tuple[Time, Time]) -> list[Lane]:
+    """Return the lanes as the page has them: what 802.11 senses are states, and routers' packets have their names."""
+    names = packet_names(recording, *span)
+    found = [with_names(recording, lane, names) for lane in lanes(recording)]
+    return [lane._replace(what=STATE) if lane.what in STATES else lane for lane in found]
 
 
 def _within(lane: Lane, span: tuple[Time, Time]) -> Lane:

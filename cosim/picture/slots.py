@@ -1,4 +1,7 @@
-"""Lanes of boxes: above a robot's line what it sends, below it what is meant for it, and below that its states."""
+"""Lanes of boxes: above a robot's line what it sends, below it what is meant for it, and below that its states.
+
+Last of an 802.11 radio's states come two strips that follow from frames: when the medium was busy, and reserved (NAV).
+"""
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -6,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Patch, Rectangle
 
-from cosim.export.lanes import HEARD, SENT, STATE
+from cosim.export.lanes import HEARD, SENT, STATES
 from cosim.picture.colours import LOST_HATCH, STATE_INK, is_lost, look, state_fill
 from cosim.picture.window import Box
 from cosim.units import MS, US, S, Time
@@ -38,13 +41,17 @@ def lines_of(room: Sequence[Box]) -> Lines:
     strips: dict[Box, int] = {}
     tops, at = {}, 0.0
     for robot in sorted({box.robot for box in room}, key=lambda robot: robot % (1 << 62)):
-        ends: list[Time] = []
-        for box in sorted(box for box in room if box.robot == robot and box.what == STATE):
-            strip = next((each for each, end in enumerate(ends) if end <= box.start), len(ends))
-            ends[strip : strip + 1] = [box.end]
-            strips[box] = strip
         tops[robot] = at
-        at -= 1.0 + _STRIP * len(ends)
+        at -= 1.0
+        count = 0
+        for what in STATES:
+            ends: list[Time] = []
+            for box in sorted(box for box in room if box.robot == robot and box.what == what):
+                strip = next((each for each, end in enumerate(ends) if end <= box.start), len(ends))
+                ends[strip : strip + 1] = [box.end]
+                strips[box] = count + strip
+            count += len(ends)
+        at -= _STRIP * count
     return Lines(tops, strips, 0.1 - at)
 
 
@@ -53,7 +60,7 @@ def draw_slots(plot: Any, seen: Sequence[Box], lines: Lines, span: tuple[Time, T
     begin, end = span
     unit, origin, name = time_axis(begin, end)
     strips, tops = lines.strips, lines.tops
-    stacked = _stacked([box for box in seen if box.what != STATE])
+    stacked = _stacked([box for box in seen if box.what not in STATES])
 
     def x(time: Time) -> float:
         return (min(max(time, begin), end) - origin) / unit
@@ -86,11 +93,11 @@ def draw_slots(plot: Any, seen: Sequence[Box], lines: Lines, span: tuple[Time, T
 
 def legend(seen: Sequence[Box]) -> list[Patch]:
     """Return a mark for each kind among the boxes *seen*, for what is lost, and for each state."""
-    frames = sorted({box.name for box in seen if box.what != STATE})
+    frames = sorted({box.name for box in seen if box.what not in STATES})
     marks = [Patch(facecolor=look(kind).fill, edgecolor="#000000", linewidth=0.5, label=kind) for kind in frames]
     if any(is_lost(box.what, box.outcome) for box in seen):
         marks.append(Patch(facecolor="#ffffff", edgecolor="#000000", hatch=LOST_HATCH, linewidth=0.5, label="lost"))
-    states = sorted({box.kind for box in seen if box.what == STATE})
+    states = sorted({box.kind for box in seen if box.what in STATES})
     return marks + [
         Patch(facecolor=state_fill(each), edgecolor="#999999", linewidth=0.5, label=each) for each in states
     ]
@@ -105,7 +112,7 @@ def time_axis(begin: Time, end: Time) -> tuple[Time, Time, str]:
 
 def _height(box: Box, strips: dict[Box, int]) -> tuple[float, float]:
     """Return how far above its robot's line *box* begins, and how high it is, in lanes."""
-    if box.what == STATE:
+    if box.what in STATES:
         return -0.45 - _STRIP * (1 + strips[box]), 0.85 * _STRIP
     return 0.0 if box.what == SENT else -HIGH, HIGH
 
@@ -133,7 +140,7 @@ def _stacked(frames: Sequence[Box]) -> dict[Box, tuple[int, int]]:
 
 def _draw_box(plot: Any, box: Box, span: tuple[float, float], place: tuple[float, float], width: Any) -> None:
     (left, right), (y, high) = span, place
-    if box.what == STATE:
+    if box.what in STATES:
         style: dict[str, Any] = {"facecolor": state_fill(box.kind), "edgecolor": "#999999", "linewidth": 0.4}
         plot.add_patch(Rectangle((left, y), right - left, high, zorder=2, **style))
         words = f"{box.kind} {box.detail}"

@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.export.lanes import HEARD, STATE, Lane
+from cosim.export.lanes import HEARD, STATE, STATES, Lane, Sending, packet_names
 from cosim.export.recording import Recording
-from cosim.picture.routed import packet_name
+from cosim.timeline.sensing import SENSED
 from cosim.units import MS, Time
 
 
@@ -26,7 +26,8 @@ class Box(NamedTuple):
     """RF channel; -1 where there is none."""
     outcome: str
     peer: int
-    """Of what was received, the sender; of what was sent, the destination, -1 for all; of a state -1."""
+    """Of what was received, and of what is busy or reserved, the sender; of what was sent, the destination, -1 for
+    all; of other states -1."""
     part: str
     """The part of a frame that failed first; empty if none did."""
     detail: str
@@ -46,9 +47,9 @@ HALF: Final = 10 * MS
 def boxes(recording: Recording, found: Iterable[Lane], begin: Time, end: Time) -> list[Box]:
     """Return the boxes of the lanes *found* that are seen from *begin* to before *end*, by start, robot and lane."""
     seen = [box for lane in found for box in _of_lane(recording, lane, begin, end)]
-    names = _routed(recording, begin, end)
+    names = packet_names(recording, begin, end)
     if names:
-        seen = [box._replace(detail=names.get(_sending(box), "")) if box.what != STATE else box for box in seen]
+        seen = [box if box.what in STATES else box._replace(detail=names.get(_sending(box), "")) for box in seen]
     return sorted(seen, key=lambda box: (box.start, box.robot, box.radio, box.what, box.peer))
 
 
@@ -60,7 +61,7 @@ def _of_lane(recording: Recording, lane: Lane, begin: Time, end: Time) -> Iterat
         return values
 
     chosen = np.flatnonzero((lane.starts < end) & (lane.ends > begin))
-    peers = column("source" if lane.what == HEARD else "destination", -1)
+    peers = column("source" if lane.what in (HEARD, *SENSED) else "destination", -1)
     more = zip(column("channel", -1), peers, column("part", ""), column("detail", ""), strict=True)
     for at, (channel, peer, part, detail) in zip(chosen.tolist(), more, strict=True):
         words = int(channel), lane.outcomes[at], int(peer), str(part), str(detail)
@@ -68,22 +69,9 @@ def _of_lane(recording: Recording, lane: Lane, begin: Time, end: Time) -> Iterat
         yield Box(span[0], span[1], lane.robot, lane.radio, lane.what, lane.kinds[at], *words)
 
 
-def _sending(box: Box) -> tuple[Time, int, int, str]:
+def _sending(box: Box) -> Sending:
     """Return what the transmission of the frame *box* is known by: time, sender, radio, kind."""
     return box.start, box.peer if box.what == HEARD else box.robot, box.radio, box.kind
-
-
-def _routed(recording: Recording, begin: Time, end: Time) -> dict[tuple[Time, int, int, str], str]:
-    """Return what routers' packets are called that were on the air from *begin* to *end*, by their transmissions."""
-    table = "transmissions"
-    if not recording.count(table):
-        return {}
-    starts = recording.column(table, "time_ns")
-    there = (starts < end) & (starts + recording.column(table, "duration_ns") > begin)
-    rows = np.flatnonzero(there & recording.column(table, "routed").astype(bool))
-    columns = [recording.column(table, name)[rows].tolist() for name in ("source", "kind", "body")]
-    parts = zip(starts[rows].tolist(), recording.radio(table)[rows].tolist(), *columns, strict=True)
-    return {(time, source, radio, kind): packet_name(body) for time, radio, source, kind, body in parts}
 
 
 def as_csv(seen: Iterable[Box]) -> str:

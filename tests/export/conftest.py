@@ -4,13 +4,19 @@ import pandas as pd
 import pytest
 
 from cosim.export.recording import Recording
-from tests.export.recordings import BLUETOOTH, QUIET, WALLS, make
+from tests.export.recordings import BLUETOOTH, QUIET, WALLS, make, relayed
 
 
 @pytest.fixture(scope="session")
 def short() -> Recording:
     """Return the recording of a second of 802.11."""
     return make(QUIET)[0]
+
+
+@pytest.fixture(scope="session")
+def line() -> tuple[Recording, dict[str, pd.DataFrame]]:
+    """Return a recording of 802.11 whose robots reserve the medium and look for routes, and its tables."""
+    return relayed()
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from cosim.export.recording import DRAWN, Recording
 from cosim.scenario import load
 from cosim.simulation import Simulation
 from tests.checkout import ROOT
+from tests.export.recordings import silences
 
 FOLDER = ROOT / "docs" / "pictures"
 GUIDE = (ROOT / "docs" / "guides" / "pictures.md").read_text(encoding="utf-8")
@@ -78,7 +79,16 @@ def test_the_list_of_a_picture_is_what_the_tables_of_its_run_hold(name: str, dra
         expected = sorted(tuple(map(str, row)) for row in table[list(theirs)].itertuples(index=False))
         assert sorted(tuple(row[each] for each in ours) for row in rows if row["what"] == what) == expected
         assert expected or what == "received"
-    assert len(rows) == len(frames) + len(sent) + len(states)
+    sensed = [
+        (*span, robot, radio, what)
+        for (robot, radio, what), each in silences(recording, tables).items()
+        for span in each
+        if span[0] < view.end and span[1] > view.begin
+    ]
+    names = ("start", "end", "robot", "radio", "what")
+    told = [tuple(row[name] for name in names) for row in rows if row["what"] in ("busy", "NAV")]
+    assert sorted(told) == sorted(tuple(map(str, each)) for each in sensed)
+    assert len(rows) == len(frames) + len(sent) + len(states) + len(sensed)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -4,6 +4,7 @@ import json
 import re
 from base64 import b64decode
 from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from math import atan2
 from pathlib import Path
@@ -14,9 +15,11 @@ import pandas as pd
 import pytest
 import yaml
 
-from cosim.export.mcap import EPOCH, TOPICS, layout_path, write_mcap
+from cosim.export.foxglove import SCHEMAS
+from cosim.export.mcap import EPOCH, TOPICS, layout_path, messages, write_mcap
 from cosim.export.recording import Recording
 from tests.checkout import ROOT
+from tests.export.recordings import called, silences
 
 reader = pytest.importorskip("mcap.reader")
 Whole = tuple[Recording, dict[str, pd.DataFrame], Path]
@@ -208,6 +211,57 @@ def test_traffic_counts_what_the_tables_hold(faulty: File, walls: Whole) -> None
         assert {name: sum(each[name] for each in found) for name in counts} == counts
 
 
+def media(found: Iterable[tuple[int, dict[str, Any]]], what: str) -> list[tuple[int, int | None]]:
+    """Return from when to when the messages *found*, by time, tell of *what*."""
+    spans, since = [], None
+    for time, message in found:
+        there = what in message["state"].split(" + ")
+        if there and since is None:
+            since = time
+        elif not there and since is not None:
+            spans.append((since, time))
+            since = None
+    return [*spans, *([(since, None)] if since is not None else [])]
+
+
+@pytest.mark.slow
+def test_the_medium_is_busy_or_reserved_as_long_as_it_is(faulty: File, radio: File, walls: Whole) -> None:
+    check_media(
+        {topic: [(time - EPOCH, told) for time, told in each] for topic, each in faulty.messages.items()}, *walls[:2]
+    )
+    assert not [topic for topic in radio.messages if topic.endswith("/medium")]
+
+
+def test_messages_of_the_medium_and_of_routers_packets(line: tuple[Recording, dict[str, pd.DataFrame]]) -> None:
+    recording, tables = line
+    found = defaultdict(list)
+    for time, topic, message in messages(recording):
+        found[topic].append((time, message))
+    check_media(found, recording, tables)
+    assert {message["state"] for _, message in found["/robot_1/medium"]} == {"idle", "busy", "NAV", "NAV + busy"}
+    assert all(not misfits(message, SCHEMAS["cosim.Medium"]) for _, message in found["/robot_1/medium"])
+    names = called(tables)
+    columns = (tables["frames"][name] for name in ("time_ns", "source", "kind"))
+    expected = [names.get((time, source), kind) for time, source, kind in zip(*columns, strict=True)]
+    assert [message["message"].split()[0] for _, message in found["/radio/frames"]] == expected
+    assert {"RREQ", "RREP"} < set(expected)
+
+
+def check_media(found: Mapping[str, Any], recording: Recording, tables: dict[str, pd.DataFrame]) -> None:
+    """Check what is told of the medium in *found*, times and messages by topic."""
+    expected = silences(recording, tables)
+    assert len(expected) >= recording.size
+    for robot in range(recording.size):
+        told = found[f"/robot_{robot}/medium"]
+        assert told[0][0] == 0
+        assert all(one[1]["state"] != two[1]["state"] or one[0] == 0 for one, two in pairwise(told))
+        for what in ("busy", "NAV"):
+            inside = [
+                (begin, end if end <= recording.end else None) for begin, end in expected.get((robot, 0, what), [])
+            ]
+            assert media(told, what) == inside
+
+
 @pytest.mark.slow
 def test_the_map_is_dark_where_walls_are_and_begins_at_the_bottom(faulty: File, walls: Whole) -> None:
     [(time, grid)] = faulty.messages["/map"]
@@ -242,3 +296,11 @@ def test_the_file_tells_scenario_digest_and_where_its_time_begins(radio: File, p
     assert panels(layout["layout"]) == set(layout["configById"])
     named = re.findall(r'"(/[\w/]+)', json.dumps(layout))
     assert {re.sub(r"robot_\d+", "robot_N", name) for name in named} <= set(TOPICS)
+    assert not [name for name in named if name.endswith("/medium")]
+
+
+def test_panels_show_the_medium_of_robots_with_802_11(line: tuple[Recording, Any], tmp_path: Path) -> None:
+    write_mcap(line[0], tmp_path / "run.mcap")
+    panels = json.loads(layout_path(tmp_path / "run.mcap").read_text())["configById"]
+    paths = [each["value"] for each in panels["StateTransitions!radio"]["paths"]]
+    assert paths == [f"/robot_{robot}/{topic}.state" for robot in range(4) for topic in ("radio", "medium")]

@@ -12,8 +12,9 @@ import pytest
 from benchmarks.picture_page import saturated
 from cosim.export.recording import NAMES, Recording
 from cosim.picture.page import write_page
+from cosim.timeline.sensing import SENSED
 from cosim.units import S
-from tests.export.recordings import make, sendings
+from tests.export.recordings import called, make, sendings, silences
 from tests.web.browser import GRAVE, axe
 
 Whole = tuple[Recording, dict[str, pd.DataFrame], Path]
@@ -96,7 +97,7 @@ def test_each_box_in_the_browser_is_a_row_of_the_tables(
         assert page.evaluate(APART), "a click and a zoom look for states from their starts alone"
     wanted = drawn(tables)
     assert sorted(read["received"] + read["broadcasts"]) == wanted["frames"]
-    assert read["states"] == wanted["states"]
+    assert [box for box in read["states"] if box[3] not in SENSED] == wanted["states"]
     sent = sendings(tables)
     ends = sent["time_ns"] + sent["duration_ns"]
     assert [box[:4] for box in read["sent"]] == sorted(
@@ -106,7 +107,9 @@ def test_each_box_in_the_browser_is_a_row_of_the_tables(
         told = tables["transmissions"][list(FROM_FRAMES)].value_counts().to_dict()
         assert Counter(box[4:8] for box in read["sent"]) == told
     kinds = {box[3] for what in ("received", "broadcasts", "sent") for box in read[what]}
-    assert named == sorted(kinds) + sorted(set(tables["intervals"]["state"])), "the legend, the same each time"
+    states = {box[3] for box in read["states"]}
+    assert states - set(SENSED) == set(tables["intervals"]["state"])
+    assert named == sorted(kinds) + sorted(states), "the legend, the same each time"
 
 
 @pytest.mark.slow
@@ -123,6 +126,40 @@ def test_places_and_events_in_the_browser_are_what_the_tables_hold(
     for (x, y, _), row in zip(places, last.itertuples(), strict=True):
         assert (x, y) == pytest.approx((row.x_m, row.y_m), abs=0.0051)  # a page keeps centimetres
     assert events == piconet[1]["events"][["time_ns", "event"]].values.tolist()
+
+
+SILENCES = """() => run.lanes.filter((lane) => lane.what === "states").flatMap((lane) =>
+  [...lane.starts].map((start, row) =>
+    [start, start + lane.lengths[row], lane.robot, lane.radio, word(lane.kinds[row])]))
+  .filter((box) => box[4] === "busy" || box[4] === "NAV")"""
+
+
+@pytest.mark.slow
+def test_a_page_of_802_11_has_carrier_sense_and_the_names_of_routers_packets(
+    browser: Any, line: tuple[Recording, dict[str, pd.DataFrame]], tmp_path: Path
+) -> None:
+    recording, tables = line
+    write_page(recording, tmp_path / "run.html", (0, recording.end + 1))
+    with shown(browser, tmp_path / "run.html") as page:
+        read = page.evaluate(SILENCES)
+        sent = page.evaluate(SENT)
+        legend = page.locator("#legend").inner_text()
+    expected = [
+        (*span, robot, radio, what)
+        for (robot, radio, what), each in silences(recording, tables).items()
+        for span in each
+    ]
+    assert sorted(map(tuple, read)) == sorted(expected)
+    columns = (tables["transmissions"][name] for name in ("time_ns", "source", "kind"))
+    names = called(tables)
+    assert sorted(map(tuple, sent)) == sorted(
+        (time, source, names.get((time, source), kind)) for time, source, kind in zip(*columns, strict=True)
+    )
+    assert {"busy", "NAV", "RREQ", "RREP"} < set(legend.split())
+
+
+SENT = """() => run.lanes.filter((lane) => lane.what === "sent").flatMap((lane) =>
+  [...lane.starts].map((start, row) => [start, lane.robot, word(lane.kinds[row])]))"""
 
 
 @pytest.mark.slow

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.export.perfetto import nested, write_perfetto
+from cosim.export.perfetto import events, nested, write_perfetto
 from cosim.export.recording import Recording
-from tests.export.recordings import BLUETOOTH, RADIOS, WALLS, make, sendings, spans
+from tests.export.recordings import BLUETOOTH, RADIOS, WALLS, called, make, sendings, silences, spans
 
 Made = tuple[Recording, dict[str, pd.DataFrame], list[dict[str, Any]], int]
 
@@ -35,6 +35,11 @@ def slices(made: Made) -> list[dict[str, Any]]:
     return [event for event in made[2] if event["ph"] == "X"]
 
 
+def threads_of(records: list[dict[str, Any]]) -> dict[tuple[int, int], str]:
+    """Return the names of threads."""
+    return {(each["pid"], each["tid"]): each["args"]["name"] for each in records if each["name"] == "thread_name"}
+
+
 def ns(microseconds: float) -> int:
     return round(microseconds * 1000)
 
@@ -44,8 +49,10 @@ def test_slices_are_as_many_as_rows_and_each_is_at_its_time(made: Made) -> None:
     _, tables, _, count = made
     found = slices(made)
     rows = len(tables["frames"]) + len(sendings(tables)) + len(tables["intervals"])
-    assert len(found) == count == rows > 100
-    threads = {(each["pid"], each["tid"]): each["args"]["name"] for each in made[2] if each["name"] == "thread_name"}
+    sensed = sum(map(len, silences(made[0], tables).values()))
+    assert (sensed > 1000) == (tables["frames"]["kind"] == "DATA").any()
+    assert len(found) == count == rows + sensed > 100
+    threads = threads_of(made[2])
 
     def of(*whats: str) -> list[tuple[int, int, str]]:
         return sorted(
@@ -125,6 +132,48 @@ def test_events_and_counts_are_those_of_the_tables(made: Made) -> None:
     lost = ((frames["outcome"] != "received") & (frames["destination"] >= 0)).sum()
     assert lost or "radio" in frames
     assert counted == Counter({"payloads a second": len(tables["messages"]), "frames lost a second": lost})
+
+
+@pytest.fixture(scope="module")
+def routed(line: tuple[Recording, dict[str, pd.DataFrame]]) -> Made:
+    found = list(events(line[0]))
+    return *line, found, len(found)
+
+
+def test_what_is_busy_or_reserved_is_a_slice_of_its_robot_s_lane(routed: Made) -> None:
+    recording, tables, records, _ = routed
+    threads, processes = threads_of(records), {f"robot {robot}": robot for robot in range(recording.size)}
+    names = {each["pid"]: each["args"]["name"] for each in records if each["name"] == "process_name"}
+    found = defaultdict(list)
+    starts = set(zip(tables["transmissions"]["time_ns"], tables["transmissions"]["source"], strict=True))
+    for each in slices(routed):
+        if each["cat"] in ("busy", "NAV"):
+            assert each["name"] == each["cat"] == threads[each["pid"], each["tid"]]
+            begin, end = ns(each["ts"]), ns(each["ts"]) + ns(each["dur"])
+            found[processes[names[each["pid"]]], 0, each["name"]].append((begin, end))
+            if each["name"] == "busy":  # its arguments are those of what is sent then, or arrives
+                assert {(begin - delay, each["args"]["source"]) for delay in (0, 1000)} & starts
+    assert found == silences(recording, tables)
+    assert len(found) == 8
+
+
+def test_routers_packets_have_their_names_where_they_are_sent_and_received(routed: Made) -> None:
+    _, tables, records, _ = routed
+    threads, names = threads_of(records), called(tables)
+    frames, sent = tables["frames"], tables["transmissions"]
+    expected = Counter[tuple[int, str, str]]()
+    for table, what in ((sent, "sent"), (frames[frames["destination"] >= 0], "received")):
+        columns = (table[name] for name in ("time_ns", "source", "kind"))
+        for time, source, kind in zip(*columns, strict=True):
+            expected[time, what, names.get((time, source), kind)] += 1
+    found = Counter(
+        (ns(each["ts"]), threads[each["pid"], each["tid"]].split()[0], each["name"].split()[0])
+        for each in slices(routed)
+        if each["cat"] in ("frames", "transmissions") and not threads[each["pid"], each["tid"]].startswith("broadcasts")
+    )
+    assert found == expected
+    kinds = {each["name"].split()[0]: each["args"]["kind"] for each in slices(routed) if "kind" in each["args"]}
+    assert kinds["RREQ"] == kinds["RREP"] == "DATA"
 
 
 def test_a_plain_file_is_the_same_as_a_compressed_one_and_as_the_next(tmp_path: Path, short: Recording) -> None:

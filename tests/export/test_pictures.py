@@ -22,13 +22,13 @@ from cosim.errors import UserError
 from cosim.export.lanes import lanes
 from cosim.export.recording import Recording
 from cosim.picture import film, moment
-from cosim.picture.colours import LOOKS, look
+from cosim.picture.colours import LOOKS, look, state_fill
 from cosim.picture.film import write_film
 from cosim.picture.moment import View, draw_moment, save_moment
 from cosim.picture.seen import CELL_M, seen_floor
 from cosim.picture.window import boxes
 from cosim.units import MS, S
-from tests.export.recordings import sendings
+from tests.export.recordings import sendings, silences
 
 Whole = tuple[Recording, dict[str, pd.DataFrame], Path]
 
@@ -63,8 +63,36 @@ def test_the_boxes_of_random_windows_are_the_rows_of_the_tables(which: str, requ
         assert sorted((box.start, box.robot, box.kind) for box in got if box.what == "sent") == sorted(
             zip(rows["time_ns"], rows["source"], rows["kind"], strict=True)
         )
+        sensed = [
+            (*span, robot, radio, what)
+            for (robot, radio, what), each in silences(recording, tables).items()
+            for span in each
+            if span[0] < end and span[1] > begin
+        ]
+        assert sorted(box[:5] for box in got if box.what in ("busy", "NAV")) == sorted(sensed)
         seen += len(got)
     assert seen > 100
+
+
+def test_what_is_busy_or_reserved_has_strips_of_its_own_below_the_other_states(line: Any) -> None:
+    recording, tables = line
+    begin = int(tables["transmissions"]["time_ns"].iloc[55])
+    figure, seen = draw_moment(recording, View(begin, begin - 5 * MS, begin + 5 * MS))
+    [slots] = [each for each in figure.axes if each.get_xlabel().startswith("time")]
+    drawn = [each for each in slots.patches if isinstance(each, Rectangle) and each.get_fill()]
+    assert len(drawn) == len(seen)
+    heights = {}
+    for what in ("states", "busy", "NAV"):
+        fills = {to_rgb(state_fill(box.kind)) for box in seen if box.what == what}
+        mine = [each for each in drawn if each.get_facecolor()[:3] in fills]
+        assert len(mine) == sum(box.what == what for box in seen) >= 3
+        heights[what] = {round(each.get_y() + 0.3, 6) for each in mine}
+    everywhere = [each for found in heights.values() for each in found]
+    assert len(everywhere) == len(set(everywhere))
+    legend = [each.get_text() for each in figure.legends[0].texts]
+    assert {"busy", "NAV", "DATA"} < set(legend)
+    peers = {box.peer for box in seen if box.what == "busy" and box.robot == 0}
+    assert peers == {0, 1}  # who is on the air then: nobody hears robot 2
 
 
 @pytest.fixture(scope="module")

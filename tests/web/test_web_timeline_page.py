@@ -498,6 +498,35 @@ def test_axe_finds_nothing(browser: Browser, served: Served, size: tuple[int, in
         page.set_viewport_size(usual)
 
 
+RINGED = """() => {
+  const button = document.activeElement, bar = button.closest(".tl-bar").getBoundingClientRect();
+  const box = button.getBoundingClientRect(), style = getComputedStyle(button);
+  const ring = parseFloat(style.outlineWidth) + parseFloat(style.outlineOffset);
+  const inside = box.left - ring >= 0 && box.right + ring <= innerWidth
+    && box.top - ring >= bar.top && box.bottom + ring <= bar.bottom;
+  const top = document.elementFromPoint((box.left + box.right) / 2, (box.top + box.bottom) / 2);
+  return [button.id, ring > 1, innerWidth > 800 || inside, top === button];
+}"""
+"""Which button has the focus, if it has a ring, if a bar that scrolls shows all of it, and if nothing covers it."""
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_each_button_is_seen_whole_when_the_keyboard_comes_to_it(page: Any, size: tuple[int, int]):
+    usual = page.viewport_size
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    page.locator("#tl-in").focus()
+    shown = page.evaluate("[...document.querySelectorAll('.tl-bar button')].filter((each) => each.offsetParent).length")
+    page.keyboard.press("End")
+    reached = [page.evaluate(RINGED)]
+    for _ in range(shown - 1):
+        page.keyboard.press("ArrowLeft")
+        reached.append(page.evaluate(RINGED))
+    assert len({button for button, *_ in reached}) == shown > 20
+    assert reached[-1][0] == "tl-in"
+    assert [each for each in reached if each[1:] != [True, True, True]] == []
+    page.set_viewport_size(usual)
+
+
 def test_the_buttons_are_one_stop_and_arrows_lead_from_one_to_the_next(page: Any):
     page.locator("#tl-in").focus()
     reached = [page.evaluate("document.activeElement.id")]

@@ -70,13 +70,16 @@ export class Controls {
 
   /** Go from button to button by arrows. */
   walk(event) {
-    const at = this.buttons.indexOf(event.target);
-    const last = this.buttons.length - 1;
+    const shown = this.buttons.filter((button) => button.offsetParent); // a small screen lacks some
+    const at = shown.indexOf(event.target);
+    const last = shown.length - 1;
     const to = { ArrowLeft: at - 1, ArrowRight: at + 1, Home: 0, End: last }[event.key];
     if (at < 0 || to === undefined) return;
     event.preventDefault();
     event.stopPropagation();
-    this.buttons[Math.min(last, Math.max(0, to))].focus();
+    const button = shown[Math.min(last, Math.max(0, to))];
+    button.focus();
+    button.scrollIntoView({ block: "nearest", inline: "nearest" }); // the focus leaves it cut off, if a part was seen
   }
 
   /** Have the tabulator come back to the button that has the focus. */

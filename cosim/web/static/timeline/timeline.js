@@ -129,7 +129,7 @@ export class Timeline {
     this.listed = element("details", {}, element("summary", {}, "Table of the window"), this.listing);
     this.split = new Split(this.root.parentElement);
     const groups = commands(this);
-    this.controls = new Controls(this.bar, this.overlay, [...groups, []]);
+    this.controls = new Controls(this.bar, this.overlay, groups);
     this.controls.keys.set("Enter", () => this.finder.enter()).set("Escape", () => this.finder.unpin());
     this.stage.append(this.content, this.overlay, this.finder.tip);
     this.scroller.append(this.labels.root, this.stage, this.spectrum.root);
