@@ -1,8 +1,8 @@
 """What it costs to keep the table ``intervals``: ``python -m benchmarks.keeping``, which ``make bench`` runs too.
 
 Each run is made without the table and with it, by turns, in one process, and its processor time is compared within
-each round; the median of the rounds counts. Where a run has more than one interval a frame, what counts is the time of
-one row. Nothing here asserts anything; a figure that misses what it was meant to keep is marked.
+each round; the median of the rounds counts. A run with more than one interval a frame may cost more, if one row is
+cheap. Nothing here asserts anything; a figure that misses what it was meant to keep is marked.
 """
 
 import gc
@@ -100,10 +100,9 @@ def main() -> None:
         rows, frames = rounds[0][1].rows, rounds[0][1].frames
         ratio, row_us = median(kept / without), 1e6 * median(kept - without) / max(rows, 1)
         line = f"{name:44s} {rows:8d} rows {frames:10.0f} frames {ratio:8.2f} x  {row_us:8.2f} us a row"
-        if rows > frames:
-            print(line + f"  at most {MOST_US} us a row" + (" EXCEEDED" if row_us > MOST_US else ""))
-        else:
-            print(line + f"  at most {MOST_RATIO} x" + (" EXCEEDED" if ratio > MOST_RATIO else ""))
+        bound = f"  at most {MOST_RATIO} x" + (f", or {MOST_US} us a row" if rows > frames else "")
+        missed = ratio > MOST_RATIO and not (rows > frames and row_us <= MOST_US)
+        print(line + bound + (" EXCEEDED" if missed else ""))
 
 
 if __name__ == "__main__":
