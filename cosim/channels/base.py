@@ -14,6 +14,7 @@ import numpy as np
 from cosim.intervals import Interval, Intervals
 from cosim.kernel import Kernel
 from cosim.machine import Address, LinkCommand, LinkEvent, Outcome, Outgoing, Reception
+from cosim.payloads import HeldRow, Payloads
 from cosim.protocol import Metric
 from cosim.trace import UNSENT, Trace
 from cosim.units import Time
@@ -56,6 +57,8 @@ class Channel(ABC):
         self.size = size
         self.intervals = Intervals(trace)
         """What its radios are doing, if the trace wants that."""
+        self.payloads = Payloads(trace)
+        """What its radios hold, if the trace wants that."""
         self.endpoints: dict[Address, Endpoint] = {}
         self._unsent: Counter[tuple[Address, Outcome]] = Counter()
 
@@ -103,9 +106,14 @@ class Channel(ABC):
         """Return what its radios are doing *now*, for who watches a run."""
         return self.intervals.under_way(now)
 
+    def held(self, now: Time) -> list[HeldRow]:
+        """Return rows of the payloads that its radios hold *now*, for who watches a run."""
+        return self.payloads.under_way(now)
+
     def close(self, now: Time) -> None:
-        """Write the intervals that are not over: the run is."""
+        """Write the intervals and payloads that are not over: the run is."""
         self.intervals.close(now)
+        self.payloads.close(now)
 
     def summary(self) -> dict[str, float]:
         """Return what the channel counted, by metric name."""

@@ -92,6 +92,8 @@ class Wanted(NamedTuple):
     """every frame once more,"""
     receptions: bool = False
     """and what became of it at stations: these three in bulk, later."""
+    packets: bool = False
+    """Every packet that is off the queue."""
 
 
 NOTHING_WANTED: Final = Wanted()
@@ -123,7 +125,10 @@ class Host(Protocol):
         """Note that a packet is off the queue: acknowledged (or broadcast), or tried as often as allowed."""
 
     def noted(self, report: Report, packet: Packet | None) -> None:
-        """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER)."""
+        """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER).
+
+        Or that a packet is off the queue (FINISHED).
+        """
 
     def logged(self, kept: Kept) -> None:
         """Write what has been kept, in arrays that are the stations' own."""
@@ -141,7 +146,7 @@ class Stations:
         cck = tables(() if limits is None else _rates(self._timing))
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
-        self._common["noted"] = wanted.frames
+        self._common["noted"], self._common["packets_noted"] = wanted.frames, wanted.packets
         self._log = _new_log(wanted, LOG_ROWS + EACH * size + MORE)
         self._transmissions_kept = _field(network.common, "transmissions")
         """Number of transmissions in the log, and the packets that they have carried."""
@@ -403,7 +408,7 @@ class Stations:
             network = with_frames(network, len(network.frames))
         if self._common["free_packet"] == NONE:
             network = with_packets(network, len(network.packets))
-        while self._told[0] + 2 * size + 4 > len(network.told):
+        while self._told[0] + 3 * size + 4 > len(network.told):
             network = network._replace(told=doubled(network.told))
         while self._events[0] + 2 * size + self._under_way[0] + 4 > len(network.agenda):
             network = network._replace(agenda=doubled(network.agenda))

@@ -302,7 +302,7 @@ class BluetoothChannel(Channel):
         clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
         narrow = NARROW if self.settings.channels == 23 else 0
         identity = Identity(address, int(stream.integers(1 << 32)) | narrow, clock)
-        radio = Radio(self.kernel, self.air, identity, self._courses)
+        radio = Radio(self.kernel, self.air, identity, self._courses, self.payloads)
         return Controller(radio, self.settings, self.devices, self._report, self._call)
 
     def _equip(self, device: Controller, streams: Streams) -> None:

@@ -40,6 +40,7 @@ from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.kernel import Kernel
 from cosim.machine import Address
+from cosim.payloads import Payloads
 from cosim.units import MS, Time
 
 Interference: TypeAlias = Literal["none", "co_channel", "neighbouring"]
@@ -528,3 +529,5 @@ class Radio:
     identity: Identity
     courses: Courses = field(default_factory=Courses)
     """What all devices do, for who wants to see it."""
+    payloads: Payloads | None = None
+    """What all devices hold, for who wants to see that."""

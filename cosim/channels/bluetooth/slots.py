@@ -160,7 +160,7 @@ class Slots:
         links.table[HEARD_DOWN, k] = self._kernel.now
         events: LinkEvents = []
         if pair.acknowledges:
-            events = self._queues.pop(k).fate(pair.slave, Outcome.DELIVERED)
+            events = self._queues.ended(self._queues.pop(k), pair.slave, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if question is not None and fate.heard is Heard.RECEIVED:
             pair.taken = True
@@ -207,7 +207,7 @@ class Slots:
         events: LinkEvents = []
         if pair.taken and pair.question is not None:
             self._queues.remove(pair.question)
-            events = pair.question.fate(self.address, Outcome.DELIVERED)
+            events = self._queues.ended(pair.question, self.address, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if answer is not None and fate.heard is Heard.RECEIVED and polling.take_up_link(links.table, k):
             self._receive(arrivals, self.address, answer, pair.slave, pair.up_dbm)
@@ -270,7 +270,8 @@ class Slots:
                 table[HEARD_DOWN, k] = now
             else:
                 self._on_beacon(k)
-        events = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
+        ended = payload is not None and last
+        events = self._queues.ended(payload, self.address, Outcome.SENT) if ended else []
         if arrivals or events:
             self._deliver(arrivals, events)
 
@@ -298,6 +299,8 @@ class Slots:
             self.frames[payload.kind.name] += 1
         channel = self._air.channel(self.address, asked if self.links.piconet[USED] else tick)
         start = self.clock.time_of(tick)
+        if payload is not None and payload.tries == 1 and self._queues.payloads is not None:
+            self._queues.payloads.begin(payload, start)
         self._air.send(source, start, duration, channel)
         return _new(Frame, (start, duration, kind.name, source, destination, channel, lt_addr, length))
 
