@@ -21,9 +21,10 @@ from cosim.timeline.curves import SeriesOfRun, series_of
 from cosim.timeline.detail import Row
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
+from cosim.timeline.queues import Queues
 from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
 from cosim.timeline.sensing import SENSED_FROM, Sensing
-from cosim.trace import FRAMES, INTERVALS, METRICS, Field, Table
+from cosim.trace import FRAMES, INTERVALS, METRICS, PAYLOADS, Field, Table
 from cosim.units import S, Time
 
 MOST_ROWS: Final = 2_000_000
@@ -185,14 +186,19 @@ class Growing:
         self._maker = Maker(self.codes, late=True)
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
+        self._held: Rows = ()
         self._sensing = Sensing(radios, self.codes, self._several)
         self._series: SeriesOfRun = {}
         self._series_of = 0, 0
         """First row and number of the rows that the series are of."""
 
-    def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time) -> None:
-        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*."""
+    def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time, held: Rows = ()) -> None:
+        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*.
+
+        *held* are rows of the payloads that radios hold now.
+        """
         self.now = now
+        self._held = held
         for name in (*SOURCES, *(name for name in new if name not in SOURCES)):
             if new.get(name) and name in self._tables:
                 self._add(name, new[name])
@@ -222,6 +228,12 @@ class Growing:
             self._series_of = table.first, len(table)
             self._series = series_of(table.columns)
         return self._series
+
+    @property
+    def queues(self) -> Queues:
+        """What radios hold."""
+        table = self._tables.get(PAYLOADS.name)
+        return Queues({} if table is None else table.columns, self._held)
 
     def at(self, table: str, time: Time) -> list[Row]:
         """Return the rows of *table* of that *time*."""

@@ -22,7 +22,19 @@ from cosim.errors import UserError
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
-from cosim.trace import BELIEFS, FRAMES, INTERVALS, MESSAGES, METRICS, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
+from cosim.trace import (
+    BELIEFS,
+    FRAMES,
+    INTERVALS,
+    MESSAGES,
+    METRICS,
+    PAYLOADS,
+    POSES,
+    RECEPTIONS,
+    TRANSMISSIONS,
+    Table,
+    Trace,
+)
 from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import PresentActivity
 from cosim.web.air import Frame, RecentAir
@@ -35,7 +47,7 @@ from cosim.web.scans import Scanner
 from cosim.web.scenes import scene_of
 from cosim.web.timeline import Grown, Timeline
 
-_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, METRICS, *BELIEFS)
+_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, PAYLOADS, METRICS, *BELIEFS)
 """Tables that a page shows besides the events."""
 _WISHES: Final = 64
 """Maximum number of wishes that wait."""
@@ -399,7 +411,7 @@ class Live:
         moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
         doing = self._simulation.under_way()
         grown = trace.grown()
-        self._timeline.take(grown, doing, self._simulation.kernel.now)
+        self._timeline.take(grown, doing, self._simulation.kernel.now, self._simulation.held())
         sensed = self._sense(ticks)
         with self._lock:
             if sensed is not None:

@@ -37,6 +37,7 @@ from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.intervals import Interval
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
+from cosim.payloads import HeldRow
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.trace import FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
@@ -191,6 +192,7 @@ class AdhocChannel(IdealChannel):
             self.intervals.begin(address, "off", self.kernel.now)
         self._reach.power(address, on)
         self._stations.moved()
+        self._note_begun()
         self._stations.power(address, on)
         self.payloads.lose(address, self.kernel.now)
         self._held[address] = 0
@@ -207,10 +209,22 @@ class AdhocChannel(IdealChannel):
         waits = [Interval(start, robot, now, 0, state, detail) for start, robot, state, detail in of_each]
         return super().under_way(now) + waits
 
+    def held(self, now: Time) -> list[HeldRow]:
+        """Return rows of the payloads that its radios hold *now*."""
+        self._note_begun()
+        return super().held(now)
+
+    def _note_begun(self) -> None:
+        """Note which payloads have been on the air and are not over."""
+        if self.payloads.wanted:
+            for packet, at in self._stations.begun():
+                self.payloads.begin(packet, at)
+
     def close(self, now: Time) -> None:
         """Write the intervals that are not over, and what is not written yet: the run is over."""
         if self._forwarding is not None:
             self._forwarding.settle(now)
+        self._note_begun()
         super().close(now)
         self._stations.close(now)
 
@@ -326,7 +340,7 @@ class AdhocChannel(IdealChannel):
         self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
 
     def noted(self, report: Report, packet: Packet | None) -> None:
-        """Record a frame at a robot that it is meant for, or that it has not reached the one; or the end of a packet."""
+        """Record a frame at a robot that it is meant for, or that has not reached the one, or the end of a packet."""
         if report.what == FINISHED:
             if report.begin != NEVER:
                 self.payloads.begin(packet, report.begin)

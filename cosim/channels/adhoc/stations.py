@@ -262,6 +262,13 @@ class Stations:
         """Number of packets that were sent as often as allowed, and not acknowledged."""
         return int(self._common["dropped"])
 
+    def begun(self) -> list[tuple[Packet, Time]]:
+        """Return the packets that have been on the air and are still queued, and when their first frames have begun."""
+        network = self._network
+        firsts = network.stations["first"][network.stations["waiting"] > 0]
+        times = network.packets["begun"][firsts].tolist()
+        return [(self._packets[number], at) for number, at in zip(firsts.tolist(), times, strict=True) if at != NEVER]
+
     # ------------------------------------------------------------ what is kept for tables
 
     def flush(self) -> None:

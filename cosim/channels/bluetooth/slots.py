@@ -270,8 +270,9 @@ class Slots:
                 table[HEARD_DOWN, k] = now
             else:
                 self._on_beacon(k)
-        ended = payload is not None and last
-        events = self._queues.ended(payload, self.address, Outcome.SENT) if ended else []
+        events: LinkEvents = []
+        if payload is not None and last:
+            events = self._queues.ended(payload, self.address, Outcome.SENT)
         if arrivals or events:
             self._deliver(arrivals, events)
 
