@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from cosim.beliefs import Beliefs
-from cosim.channels.base import WHY_UNSENT, Channel
+from cosim.channels.base import WHY_UNSENT, Channel, Flying
 from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
 from cosim.errors import LocalProtocolError, UserError
@@ -172,6 +172,10 @@ class Simulation:
         """
         now = self.kernel.now
         return [*self.channel.under_way(now), *self.faults.under_way(now)]
+
+    def flying(self) -> list[Flying]:
+        """Return the frames that are on the air now, and are rows when they end."""
+        return self.channel.flying(self.kernel.now)
 
     def held(self) -> list[HeldRow]:
         """Return rows of the table ``payloads`` of what radios hold now: none unless the trace wants that table."""

@@ -7,7 +7,7 @@ event; each endpoint that has to act on it is drained once, in the order of addr
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable
-from typing import Any, ClassVar, Final, Protocol, TypeAlias
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,23 @@ WHY_UNSENT: Final = {
     Outcome.QUEUE_FULL: "no room in the sender's device: send less often, or wait for the Fate of a token",
 }
 """Reasons why payloads were never on the air, and what to do about them."""
+
+
+class Flying(NamedTuple):
+    """A frame that is on the air."""
+
+    start: Time
+    source: Address
+    end: Time
+    kind: str
+    destination: Address
+    length: int
+    """Of its payload, B."""
+    channel: int = -1
+    lt_addr: int = 0
+    radio: int = 0
+    told: bool = False
+    """True if its row of the table ``transmissions`` is written when it begins."""
 
 
 class Endpoint(Protocol):
@@ -105,6 +122,10 @@ class Channel(ABC):
     def under_way(self, now: Time) -> list[Interval]:
         """Return what its radios are doing *now*, for who watches a run."""
         return self.intervals.under_way(now)
+
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the frames that are on the air *now* and are rows when they end, for who watches a run."""
+        return []
 
     def held(self, now: Time) -> list[HeldRow]:
         """Return rows of the payloads that its radios hold *now*, for who watches a run."""

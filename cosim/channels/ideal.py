@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import Field
 
 import cosim.elementary as elementary
-from cosim.channels.base import Arrival, Channel, Positions
+from cosim.channels.base import Arrival, Channel, Flying, Positions
 from cosim.channels.kinds import ChannelSettings, ChannelSpec
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Kernel
@@ -289,6 +289,15 @@ class IdealChannel(Channel):
             self._paged = {pair for pair in self._paged if address not in pair}
         self._note_links()
         self._report(*((a, Lost(address)) for a in lost_by))
+
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the payloads that are on their way *now*; with jitter to each of their receivers."""
+        found = []
+        for arrival, flights in self._under_way.items():
+            for source, outgoing, begin, _, receivers, _ in flights:
+                to, length = receivers[0] if len(receivers) == 1 else BROADCAST, len(outgoing.payload)
+                found += [Flying(begin, source, arrival, "IDEAL", to, length, told=True)] if receivers else []
+        return found
 
     def summary(self) -> dict[str, float]:
         """Return the number of payloads sent."""

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
-from cosim.channels.base import Channel, Endpoint, Positions
+from cosim.channels.base import Channel, Endpoint, Flying, Positions
 from cosim.channels.kinds import (
     ChannelSettings,
     ChannelSite,
@@ -233,6 +233,10 @@ class RadiosChannel(Channel):
         """Return what all radios are doing *now*, each interval with its radio's number."""
         of_each = enumerate(part.under_way(now) for part in self._parts)
         return [interval._replace(radio=radio) for radio, intervals in of_each for interval in intervals]
+
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the frames of all radios that are on the air *now*."""
+        return [each._replace(radio=radio) for radio, part in enumerate(self._parts) for each in part.flying(now)]
 
     def held(self, now: Time) -> list[HeldRow]:
         """Return rows of the payloads that all radios hold *now*, each with its radio's number."""

@@ -17,11 +17,10 @@ from typing import ClassVar, Final, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from cosim.channels.base import Arrival, Positions
+from cosim.channels.base import Arrival, Flying, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.channels.kinds import ChannelSettings, ChannelSpec
 from cosim.geometry.segments import PackedWalls
-from cosim.intervals import Interval
 from cosim.kernel import Handle, Kernel
 from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing, Reception
 from cosim.payloads import OFF
@@ -227,14 +226,13 @@ class OpticalChannel(IdealChannel):
             self.intervals.begin(receiver, "occluded", now, f"peer={source}")
         self._occluded = occluded
 
-    def under_way(self, now: Time) -> list[Interval]:
-        """Return what its radios are doing *now*, and the payloads that are on the air."""
-        flights = (flight for flights in self._in_flight.values() for flight in flights)
-        sending = (
-            Interval(flight.begin, flight.source, now, 0, "on_air", f"destination={flight.outgoing.destination}")
-            for flight in flights
-        )
-        return [*super().under_way(now), *(sending if self.intervals.wanted else ())]
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the payloads that are on the air *now*."""
+        return [
+            Flying(each.begin, each.source, arrival, _KIND, each.outgoing.destination, len(each.outgoing.payload))
+            for arrival, flights in self._in_flight.items()
+            for each in flights
+        ]
 
     def close(self, now: Time) -> None:
         """Write the intervals that are not over, and the payloads that are on the air: the run is over."""

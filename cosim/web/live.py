@@ -402,16 +402,16 @@ class Live:
     def _publish(self) -> None:
         """Let pages see the present state."""
         trace: Any = self._simulation.trace
+        doing, held, flying = self._simulation.under_way(), self._simulation.held(), self._simulation.flying()
         ticks, frames, events = trace.fetched()
+        grown = trace.grown()
         said = self._simulation.said()
         answers: list[Plain] = [
             {"say": "operator", "robot": robot, "time_s": to_seconds(at), "data": _decoded(payload)}
             for at, robot, payload in said
         ]
         moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
-        doing = self._simulation.under_way()
-        grown = trace.grown()
-        self._timeline.take(grown, doing, self._simulation.kernel.now, self._simulation.held())
+        self._timeline.take(grown, doing, self._simulation.kernel.now, held, flying)
         sensed = self._sense(ticks)
         with self._lock:
             if sensed is not None:
@@ -421,6 +421,7 @@ class Live:
                 self._ticks.append(row)
             for frame in frames:
                 self._air.append(frame)
+            self._air.put(flying)
             self._activity.put(doing)
             for row in events:
                 self._events.append(row)

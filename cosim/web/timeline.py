@@ -29,6 +29,7 @@ from typing import Annotated, Any, Final, Literal, Protocol, TypeAlias
 import numpy as np
 from pydantic import Field
 
+from cosim.channels.base import Flying
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
@@ -320,13 +321,20 @@ class Grown:
         self._decode = decode
         self._lock = Lock()
 
-    def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time, held: Rows = ()) -> None:
+    def take(
+        self,
+        new: Mapping[str, Rows],
+        under_way: Sequence[Interval],
+        now: Time,
+        held: Rows = (),
+        flying: Sequence[Flying] = (),
+    ) -> None:
         """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*.
 
-        *held* are rows of the payloads that radios hold now.
+        *held* are rows of the payloads that radios hold now, *flying* the frames that are on the air.
         """
         with self._lock:
-            self._growing.take(new, under_way, now, held)
+            self._growing.take(new, under_way, now, held, flying)
 
     def told(self, known: Known | None) -> tuple[Row | None, Known]:
         """Return the message ``lanes`` if there are others than a page knows."""

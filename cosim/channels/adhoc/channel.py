@@ -28,7 +28,7 @@ from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, FINISHED, HEARD, NEVER, NOTHING, Records, Report
 from cosim.channels.adhoc.stations import Kept, Rules, Stations, Wanted
 from cosim.channels.adhoc.tables import doings, receptions, transmissions
-from cosim.channels.base import Arrival, Positions
+from cosim.channels.base import Arrival, Flying, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
@@ -208,6 +208,10 @@ class AdhocChannel(IdealChannel):
         of_each = zip(columns.starts.tolist(), columns.stations.tolist(), columns.states, columns.details, strict=True)
         waits = [Interval(start, robot, now, 0, state, detail) for start, robot, state, detail in of_each]
         return super().under_way(now) + waits
+
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the frames that are on the air *now*."""
+        return self._stations.flying()
 
     def held(self, now: Time) -> list[HeldRow]:
         """Return rows of the payloads that its radios hold *now*."""

@@ -19,7 +19,7 @@ from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
 from cosim.channels.adhoc.log import EACH, MORE, has_log_room, log_under_way
-from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
+from cosim.channels.adhoc.mac import KINDS, Access, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
@@ -42,6 +42,7 @@ from cosim.channels.adhoc.state import (
     with_frames,
     with_packets,
 )
+from cosim.channels.base import Flying
 from cosim.jit import njit
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address
@@ -261,6 +262,19 @@ class Stations:
     def dropped(self) -> int:
         """Number of packets that were sent as often as allowed, and not acknowledged."""
         return int(self._common["dropped"])
+
+    def flying(self) -> list[Flying]:
+        """Return the frames that have begun and not yet arrived to their ends."""
+        frames, found = self._network.frames, []
+        for number in (int(self._common["first_there"]), int(self._common["first_begun"])):
+            while number != NONE:
+                frame = frames[number]
+                kind, source, begin = (int(frame[name]) for name in ("kind", "source", "begin"))
+                end = begin + int(frame["form"]["duration"])
+                length = 0 if frame["packet"] == NONE else len(self._packets[int(frame["packet"])].payload)
+                found.append(Flying(begin, source, end, KINDS[kind], int(frame["destination"]), length))
+                number = int(frame["next"])
+        return found
 
     def begun(self) -> list[tuple[Packet, Time]]:
         """Return the packets that have been on the air and are still queued, and when their first frames have begun."""

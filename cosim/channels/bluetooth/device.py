@@ -12,7 +12,7 @@ import numpy as np
 
 import cosim.elementary as elementary
 from cosim.arrays import Floats
-from cosim.channels.base import Arrival, Channel, Positions
+from cosim.channels.base import Arrival, Channel, Flying, Positions
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller
 from cosim.channels.bluetooth.hopping import NARROW
@@ -219,6 +219,13 @@ class BluetoothChannel(Channel):
     def under_way(self, now: Time) -> list[Interval]:
         """Return what its radios are doing *now*, and write what is over: devices skip ahead."""
         return [*self._courses.under_way(now), *super().under_way(now)]
+
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the frames that are on the air *now*: those that are rows when they end, and IDs if they are heard."""
+        return [
+            Flying(start, source, start + duration, kind, destination, length, channel, lt_addr)
+            for start, duration, kind, source, destination, channel, lt_addr, length in self.air.flying(now)
+        ]
 
     def close(self, now: Time) -> None:
         """Write what is not over: the run is."""

@@ -138,6 +138,8 @@ class Slots:
         carriers = air.carrier(self.address, slave), air.carrier(slave, self.address)
         pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
         frame = self._send(tick, kind, duration, self.address, slave, k, payload, tick)
+        if noted:
+            air.note_sent(frame)
         self._kernel.after(duration, partial(self._asked, pair, frame))
 
     def _asked(self, pair: _Pair, frame: Frame) -> None:
@@ -187,6 +189,8 @@ class Slots:
         kind, duration, first = _shape(answer, NULL)
         polling.answer_pair(links.piconet, links.table, tick, pair.k, first, answer is not None, kind.slots)
         reply = self._send(tick, kind, duration, pair.slave, self.address, pair.k, answer, pair.tick)
+        if pair.noted:
+            self._air.note_sent(reply)
         self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
 
     def _answered(self, pair: _Pair, frame: Frame) -> None:
@@ -227,6 +231,8 @@ class Slots:
             self._queues.remove(payload)
         listeners = self._listeners(tick, kind.slots, payload is None)
         frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
+        if self._recorded if payload is not None else self._idle_recorded:
+            self._air.note_sent(frame._replace(destination=BROADCAST))
         self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, listeners, last))
 
     def _listeners(self, tick: int, slots: int, parked_only: bool) -> list[_Listener]:
