@@ -129,11 +129,16 @@ class Channel(ABC):
 
     def held(self, now: Time) -> list[HeldRow]:
         """Return rows of the payloads that its radios hold *now*, for who watches a run."""
+        self._note_begun()
         return self.payloads.under_way(now)
+
+    def _note_begun(self) -> None:  # noqa: B027  # most channels do so as it happens
+        """Note which payloads have been on the air and are not over."""
 
     def close(self, now: Time) -> None:
         """Write the intervals and payloads that are not over: the run is."""
         self.intervals.close(now)
+        self._note_begun()
         self.payloads.close(now)
 
     def summary(self) -> dict[str, float]:

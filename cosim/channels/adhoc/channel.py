@@ -37,7 +37,6 @@ from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.intervals import Interval
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
-from cosim.payloads import HeldRow
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.trace import FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
@@ -213,13 +212,7 @@ class AdhocChannel(IdealChannel):
         """Return the frames that are on the air *now*."""
         return self._stations.flying()
 
-    def held(self, now: Time) -> list[HeldRow]:
-        """Return rows of the payloads that its radios hold *now*."""
-        self._note_begun()
-        return super().held(now)
-
     def _note_begun(self) -> None:
-        """Note which payloads have been on the air and are not over."""
         if self.payloads.wanted:
             for packet, at in self._stations.begun():
                 self.payloads.begin(packet, at)
@@ -228,7 +221,6 @@ class AdhocChannel(IdealChannel):
         """Write the intervals that are not over, and what is not written yet: the run is over."""
         if self._forwarding is not None:
             self._forwarding.settle(now)
-        self._note_begun()
         super().close(now)
         self._stations.close(now)
 

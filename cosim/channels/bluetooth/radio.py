@@ -177,8 +177,8 @@ class Air:
         self._arrived = arrived
         self.recorded = not (record is None and sent is None and arrived is None)
         """True if a trace wants frames, or what is sent, or what arrives."""
-        self._latest: dict[Address, Frame] = {}
-        """The frame that each device has sent last, of those that a trace wants."""
+        self.latest: dict[Address, Frame] = {}
+        """The frame that each device has sent last, or sends soon, of those that a trace is told at their ends."""
         self._clear: tuple[Address, Time, Address] | None = None
         """(source, start, receiver) of a frame that has just been found to meet nothing, if anybody wants to know."""
         self._running = 0
@@ -359,15 +359,11 @@ class Air:
             return GOOD
         return self._sections(frame, receiver, carrier_dbm, bits, coded, ACCESS_CODE, frame.duration)
 
-    def note_sent(self, frame: Frame) -> None:
-        """Note that *frame* is on the air, now or soon, which a trace is told at its end."""
-        self._latest[frame.source] = frame
-
     def flying(self, now: Time) -> list[Frame]:
         """Return the frames that a trace wants and that are on the air *now*, but for those that begin."""
         if self._idle:
             self.advance(now, now - 1)
-        sent = [*self._latest.values(), *(frame for master in self._idle for frame in self._idle_pair(master))]
+        sent = [*self.latest.values(), *(frame for master in self._idle for frame in self._idle_pair(master))]
         return [frame for frame in sent if frame.start < now <= frame.start + frame.duration]
 
     def _idle_pair(self, master: Address) -> list[Frame]:
