@@ -345,13 +345,18 @@ def test_curves_are_chosen_and_told(browser: Browser, folder: Path):
         assert not page.locator(".tl-plots").is_visible()  # lanes come first where there is little room
         page.locator(".tl-overlay").press("v")
         page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes('lost/s')")
-        page.locator(".tl-curves button[value='state:slave']").press("Enter")
-        chosen = "curves=delivered,lost,state:slave"
+        for name in ("state:slave", "queue_length", "message_wait"):
+            page.locator(f".tl-curves button[value='{name}']").press("Enter")
+        chosen = "curves=delivered,lost,state:slave,queue_length,message_wait"
         page.wait_for_function("words => decodeURIComponent(location.hash).includes(words)", arg=chosen)
         page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes('slave')")
-        assert "0 to 3" in page.locator(".tl-values div").nth(2).inner_text()
+        page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes(' payloads')")
+        ranges = page.locator(".tl-values div span").all_inner_texts()
+        assert ranges[2] == "0 to 3"
+        assert [each.split(" ")[-1] for each in ranges[3:]] == ["payloads", "ms"]
         page.locator("summary", has_text="Curves as a table").click()
-        page.wait_for_selector(".tl-listing th:has-text('slave')")
+        for title in ("slave", "queue length (payloads)", "message wait (ms)"):
+            page.wait_for_selector(f".tl-listing th:has-text('{title}')")
         page.evaluate("document.querySelector('.tl-plots canvas').id = 'curves'")
         assert pixels(page, "accent", "curves") > 20
         assert pixels(page, "bad", "curves") > 20
