@@ -429,7 +429,7 @@ class Stations:
             network = with_frames(network, len(network.frames))
         if self._common["free_packet"] == NONE:
             network = with_packets(network, len(network.packets))
-        while self._told[0] + 3 * size + 4 > len(network.told):
+        while self._told[0] + 4 * size + 4 > len(network.told):
             network = network._replace(told=doubled(network.told))
         while self._events[0] + 2 * size + self._under_way[0] + 4 > len(network.agenda):
             network = network._replace(agenda=doubled(network.agenda))
