@@ -52,7 +52,6 @@ STATES: Final[dict[str, str]] = {
     "route": "a router has a route to a robot: over which neighbour as next hop, and how many hops it takes",
     # of radios, optical
     "occluded": "a payload of the robot peer is on the air for it, and there is no line of sight",
-    "on_air": "a payload of it is on the air; of a run under way only, and afterwards a row of transmissions",
     # of robots, radio -1
     "camera_off": "a fault keeps its camera off",
     "clock_stepped": "its clock is not the true time, but by_ns ahead of it",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from cosim.beliefs import Beliefs
-from cosim.channels.base import WHY_UNSENT, Channel
+from cosim.channels.base import WHY_UNSENT, Channel, Flying
 from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
 from cosim.errors import LocalProtocolError, UserError
@@ -26,6 +26,7 @@ from cosim.kernel import DELIVER, WORLD, Kernel
 from cosim.machine import OPERATOR, Address, Command, GoTo, Machine, Reception
 from cosim.node import Node, Notices, Said
 from cosim.observation import Observation
+from cosim.payloads import HeldRow
 from cosim.protocol import Metric, ProtocolSpec, Referee, Surroundings
 from cosim.randomness import Streams
 from cosim.robots.motion import Fleet
@@ -171,6 +172,14 @@ class Simulation:
         """
         now = self.kernel.now
         return [*self.channel.under_way(now), *self.faults.under_way(now)]
+
+    def flying(self) -> list[Flying]:
+        """Return the frames that are on the air now, and are rows when they end."""
+        return self.channel.flying(self.kernel.now)
+
+    def held(self) -> list[HeldRow]:
+        """Return rows of the table ``payloads`` of what radios hold now: none unless the trace wants that table."""
+        return self.channel.held(self.kernel.now)
 
     def operate(self, robot: Address, payload: bytes) -> None:
         """Hand *payload* to the machine of *robot* by the cable of its console, as soon as the run goes on.

@@ -144,6 +144,20 @@ UNSENT: Final = Table(
         Field("outcome", "str", "", "why: no_link, no_route, too_long or queue_full"),
     ),
 )
+PAYLOADS: Final = Table(
+    "payloads",
+    "payloads that radios have accepted and not refused at once, a row for each when it is over; where there are "
+    "routers, the packets that they hand to their radios",
+    (
+        Field("time_ns", "int", "ns", "when the channel accepted it"),
+        Field("source", "int", "", "whose radio holds it"),
+        Field("destination", "int", "", "receiver, or next hop; -1 for all"),
+        _LENGTH,
+        Field("begun_ns", "int", "ns", "start of the first frame that carries it; -1 if it was never on the air"),
+        Field("end_ns", "int", "ns", "when the radio held it no more, or the end of the run"),
+        Field("outcome", "str", "", "as of Fate in cosim.machine; off: switched off; held: the run was over before"),
+    ),
+)
 MESSAGES: Final = Table(
     "messages",
     "payloads that arrived at a machine",
@@ -239,7 +253,7 @@ BELIEFS: Final = (MAPS, WAYS, ESTIMATES)
 TABLES: Final = {
     table.name: table
     for table in (
-        *(POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT, METRICS, CALLS),
+        *(POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT, PAYLOADS, METRICS, CALLS),
         *BELIEFS,
     )
 }

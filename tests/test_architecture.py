@@ -18,7 +18,7 @@ LINES = (
     "units errors arrays ranges caches sources processes jit elementary installed page",
     "randomness settings geometry documents statistics",
     "observation machine protocol navigation",
-    "trace intervals kernel",
+    "trace intervals payloads kernel",
     "world",
     "robots channels",
     "node faults scenario decoding beliefs series simulation columns parts results upkeep experiment sweep cluster",

@@ -7,13 +7,14 @@ event; each endpoint that has to act on it is drained once, in the order of addr
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable
-from typing import Any, ClassVar, Final, Protocol, TypeAlias
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
 from cosim.intervals import Interval, Intervals
 from cosim.kernel import Kernel
 from cosim.machine import Address, LinkCommand, LinkEvent, Outcome, Outgoing, Reception
+from cosim.payloads import HeldRow, Payloads
 from cosim.protocol import Metric
 from cosim.trace import UNSENT, Trace
 from cosim.units import Time
@@ -29,6 +30,23 @@ WHY_UNSENT: Final = {
     Outcome.QUEUE_FULL: "no room in the sender's device: send less often, or wait for the Fate of a token",
 }
 """Reasons why payloads were never on the air, and what to do about them."""
+
+
+class Flying(NamedTuple):
+    """A frame that is on the air."""
+
+    start: Time
+    source: Address
+    end: Time
+    kind: str
+    destination: Address
+    length: int
+    """Of its payload, B."""
+    channel: int = -1
+    lt_addr: int = 0
+    radio: int = 0
+    told: bool = False
+    """True if its row of the table ``transmissions`` is written when it begins."""
 
 
 class Endpoint(Protocol):
@@ -56,6 +74,8 @@ class Channel(ABC):
         self.size = size
         self.intervals = Intervals(trace)
         """What its radios are doing, if the trace wants that."""
+        self.payloads = Payloads(trace)
+        """What its radios hold, if the trace wants that."""
         self.endpoints: dict[Address, Endpoint] = {}
         self._unsent: Counter[tuple[Address, Outcome]] = Counter()
 
@@ -103,9 +123,23 @@ class Channel(ABC):
         """Return what its radios are doing *now*, for who watches a run."""
         return self.intervals.under_way(now)
 
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the frames that are on the air *now* and are rows when they end, for who watches a run."""
+        return []
+
+    def held(self, now: Time) -> list[HeldRow]:
+        """Return rows of the payloads that its radios hold *now*, for who watches a run."""
+        self._note_begun()
+        return self.payloads.under_way(now)
+
+    def _note_begun(self) -> None:  # noqa: B027  # most channels do so as it happens
+        """Note which payloads have been on the air and are not over."""
+
     def close(self, now: Time) -> None:
-        """Write the intervals that are not over: the run is."""
+        """Write the intervals and payloads that are not over: the run is."""
         self.intervals.close(now)
+        self._note_begun()
+        self.payloads.close(now)
 
     def summary(self) -> dict[str, float]:
         """Return what the channel counted, by metric name."""

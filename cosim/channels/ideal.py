@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import Field
 
 import cosim.elementary as elementary
-from cosim.channels.base import Arrival, Channel, Positions
+from cosim.channels.base import Arrival, Channel, Flying, Positions
 from cosim.channels.kinds import ChannelSettings, ChannelSpec
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Kernel
@@ -175,6 +175,9 @@ class IdealChannel(Channel):
         receivers = range(self.size) if destination == BROADCAST else (destination,)
         flight = _Flight(source, outgoing, self.kernel.now, self._numbers[source], receivers)
         self._numbers[source] += 1
+        if self.payloads.wanted:
+            self.payloads.accept(flight, source, destination, len(outgoing.payload), flight.begin)
+            self.payloads.begin(flight, flight.begin)
         duration = self.delay
         if not self._flaws.jitter_s:
             self._launch(flight, duration)
@@ -191,6 +194,8 @@ class IdealChannel(Channel):
             self._launch(flight, duration)
         if self._transmissions_wanted:
             self._write_transmission("IDEAL", flight.begin, source, outgoing, duration)
+        if self.payloads.wanted and destination == BROADCAST:  # its receivers may get it one by one
+            self.payloads.end(flight, flight.begin + duration, Outcome.SENT.value)
 
     def _write_transmission(
         self, kind: str, begin: Time, source: Address, outgoing: Outgoing, duration: Time, whole: bool = True
@@ -285,6 +290,15 @@ class IdealChannel(Channel):
         self._note_links()
         self._report(*((a, Lost(address)) for a in lost_by))
 
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the payloads that are on their way *now*; with jitter to each of their receivers."""
+        found = []
+        for arrival, flights in self._under_way.items():
+            for source, outgoing, begin, _, receivers, _ in flights:
+                to, length = receivers[0] if len(receivers) == 1 else BROADCAST, len(outgoing.payload)
+                found += [Flying(begin, source, arrival, "IDEAL", to, length, told=True)] if receivers else []
+        return found
+
     def summary(self) -> dict[str, float]:
         """Return the number of payloads sent."""
         return {"frames_sent": float(self.sent)}
@@ -345,14 +359,18 @@ class IdealChannel(Channel):
             arrivals += [(address, outgoing.payload, reception) for address in heard]
             if self._rows_wanted:
                 self._record(flight, there, heard)
-            if flight.reported and outgoing.token is not None and self._knows_of(source, flight.begin):
+            told = flight.reported and outgoing.token is not None and self._knows_of(source, flight.begin)
+            if told or self.payloads.wanted:
                 if to_all:
                     fate = Outcome.SENT
                 elif heard and (self._alike or self._is_in_range(outgoing.destination, source)):
                     fate = Outcome.DELIVERED
                 else:
                     fate = Outcome.UNACKNOWLEDGED if there else Outcome.NO_LINK
-                events.append((source, Fate(outgoing.token, fate)))
+                if self.payloads.wanted:
+                    self.payloads.end(flight, now, fate.value)
+                if told and outgoing.token is not None:
+                    events.append((source, Fate(outgoing.token, fate)))
         self.deliver(arrivals, events)
 
     def _is_lost(self, flight: _Flight, address: Address) -> bool:

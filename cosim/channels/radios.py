@@ -16,7 +16,7 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
-from cosim.channels.base import Channel, Endpoint, Positions
+from cosim.channels.base import Channel, Endpoint, Flying, Positions
 from cosim.channels.kinds import (
     ChannelSettings,
     ChannelSite,
@@ -29,17 +29,18 @@ from cosim.errors import LocalProtocolError
 from cosim.intervals import Interval
 from cosim.kernel import Kernel
 from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Outcome, Outgoing, Reception
+from cosim.payloads import HeldRow
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.settings import error_at
-from cosim.trace import FRAMES, INTERVALS, RECEPTIONS, TRANSMISSIONS, UNSENT, Table, Trace
+from cosim.trace import FRAMES, INTERVALS, PAYLOADS, RECEPTIONS, TRANSMISSIONS, UNSENT, Table, Trace
 from cosim.trace import Field as Column
 from cosim.units import Time
 
 _PAYLOAD_BYTES: Final = Metric("payload_bytes", "B", "bytes of the payloads that hosts have sent")
 RADIO: Final = Column("radio", "int", "", "which of the robots' radios")
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
-OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name, RECEPTIONS.name, UNSENT.name)
+OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name, RECEPTIONS.name, UNSENT.name, PAYLOADS.name)
 """Tables whose rows have the number of a radio if there are several."""
 _RADIO_AT: Final = [field.name for field in INTERVALS.fields].index(RADIO.name)
 
@@ -232,6 +233,14 @@ class RadiosChannel(Channel):
         """Return what all radios are doing *now*, each interval with its radio's number."""
         of_each = enumerate(part.under_way(now) for part in self._parts)
         return [interval._replace(radio=radio) for radio, intervals in of_each for interval in intervals]
+
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the frames of all radios that are on the air *now*."""
+        return [each._replace(radio=radio) for radio, part in enumerate(self._parts) for each in part.flying(now)]
+
+    def held(self, now: Time) -> list[HeldRow]:
+        """Return rows of the payloads that all radios hold *now*, each with its radio's number."""
+        return [(*row, radio) for radio, part in enumerate(self._parts) for row in part.held(now)]
 
     def close(self, now: Time) -> None:
         """Write the intervals of all radios that are not over."""

@@ -17,13 +17,13 @@ from typing import ClassVar, Final, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from cosim.channels.base import Arrival, Positions
+from cosim.channels.base import Arrival, Flying, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.channels.kinds import ChannelSettings, ChannelSpec
 from cosim.geometry.segments import PackedWalls
-from cosim.intervals import Interval
 from cosim.kernel import Handle, Kernel
 from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing, Reception
+from cosim.payloads import OFF
 from cosim.protocol import Metric
 from cosim.settings import BitRate, Metres, Seconds
 from cosim.trace import FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
@@ -54,6 +54,8 @@ class _Flight(NamedTuple):
     """Number of the look at lines of sight by which it was sent."""
     audience: tuple[Address, ...]
     """Robots that were in sight when it began."""
+    held: object
+    """What it is known by among the payloads that radios hold."""
 
 
 class OpticalChannel(IdealChannel):
@@ -107,6 +109,7 @@ class OpticalChannel(IdealChannel):
             self._waiting[address].clear()
             self._free_at[address] = self.kernel.now
             self._cut_off(address)
+            self.payloads.lose(address, self.kernel.now, waiting=True)
         self._looks += 1
         self._all_on = all(self._on)
 
@@ -119,6 +122,7 @@ class OpticalChannel(IdealChannel):
                     self._missed += len(flight.audience)
                     if self._rows_wanted:
                         self._note(flight, (), whole=False)
+                    self.payloads.end(flight.held, self.kernel.now, OFF)
         if self._occluded:
             self._note_occlusions()
 
@@ -140,22 +144,27 @@ class OpticalChannel(IdealChannel):
             if outgoing.token is not None:
                 self._report((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return
+        held = None
+        if self.payloads.wanted:
+            held = object()
+            self.payloads.accept(held, source, outgoing.destination, len(outgoing.payload), self.kernel.now)
         if self._rate_bps is None:
-            self._begin(source, outgoing, 0)
+            self._begin(source, outgoing, 0, held)
             return
         begin = max(self.kernel.now, self._free_at[source])
         duration = -(-8 * len(outgoing.payload) * S // self._rate_bps)
         self._free_at[source] = begin + duration
         if begin == self.kernel.now:
-            self._begin(source, outgoing, duration)
+            self._begin(source, outgoing, duration, held)
         else:
-            self._waiting[source].append(self.kernel.at(begin, partial(self._begin_next, source, outgoing, duration)))
+            turn = partial(self._begin_next, source, outgoing, duration, held)
+            self._waiting[source].append(self.kernel.at(begin, turn))
 
-    def _begin_next(self, source: Address, outgoing: Outgoing, duration: Time) -> None:
+    def _begin_next(self, source: Address, outgoing: Outgoing, duration: Time, held: object) -> None:
         self._waiting[source].pop(0)
-        self._begin(source, outgoing, duration)
+        self._begin(source, outgoing, duration, held)
 
-    def _begin(self, source: Address, outgoing: Outgoing, duration: Time) -> None:
+    def _begin(self, source: Address, outgoing: Outgoing, duration: Time, held: object) -> None:
         """Let a payload begin that takes *duration* without the latency."""
         audience = self.in_reach(source) if outgoing.destination == BROADCAST else (outgoing.destination,)
         self.sent += 1
@@ -165,14 +174,16 @@ class OpticalChannel(IdealChannel):
         if flights is None:
             flights = self._in_flight[arrival] = []
             self.kernel.at(arrival, partial(self._land, arrival))
-        flights.append(_new(_Flight, (source, outgoing, now, self._looks, audience)))
+        flights.append(_new(_Flight, (source, outgoing, now, self._looks, audience, held)))
+        if held is not None:
+            self.payloads.begin(held, now)
 
     def _land(self, arrival: Time) -> None:
         """Deliver what arrives now to robots that are still in sight, and report fates to the senders."""
         arrivals: list[Arrival] = []
         events: list[tuple[Address, LinkEvent]] = []
         for flight in self._in_flight.pop(arrival):
-            source, outgoing, begin, looks, audience = flight
+            source, outgoing, begin, looks, audience, held = flight
             to_all = outgoing.destination == BROADCAST
             heard = audience
             if looks != self._looks:  # robots have moved meanwhile, or devices have been switched
@@ -184,16 +195,18 @@ class OpticalChannel(IdealChannel):
                 arrivals.append((address, payload, reception))
             if self._rows_wanted:
                 self._note(flight, heard)
+            fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
             if outgoing.token is not None and self._knows_of(source, begin):
-                fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
                 events.append((source, Fate(outgoing.token, fate)))
+            if held is not None:
+                self.payloads.end(held, self.kernel.now, fate.value)
         if self._occluded:
             self._note_occlusions()
         self.deliver(arrivals, events)
 
     def _note(self, flight: _Flight, heard: Sequence[Address], whole: bool = True) -> None:
         """Write the rows of a flight that is over, of which some have *heard*; its sender was on if it is *whole*."""
-        source, outgoing, begin, _, audience = flight
+        source, outgoing, begin, _, audience, _ = flight
         duration, length = self.kernel.now - begin, len(outgoing.payload)
         if self._transmissions_wanted:
             self._write_transmission(_KIND, begin, source, outgoing, duration, whole)
@@ -213,14 +226,13 @@ class OpticalChannel(IdealChannel):
             self.intervals.begin(receiver, "occluded", now, f"peer={source}")
         self._occluded = occluded
 
-    def under_way(self, now: Time) -> list[Interval]:
-        """Return what its radios are doing *now*, and the payloads that are on the air."""
-        flights = (flight for flights in self._in_flight.values() for flight in flights)
-        sending = (
-            Interval(flight.begin, flight.source, now, 0, "on_air", f"destination={flight.outgoing.destination}")
-            for flight in flights
-        )
-        return [*super().under_way(now), *(sending if self.intervals.wanted else ())]
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the payloads that are on the air *now*."""
+        return [
+            Flying(each.begin, each.source, arrival, _KIND, each.outgoing.destination, len(each.outgoing.payload))
+            for arrival, flights in self._in_flight.items()
+            for each in flights
+        ]
 
     def close(self, now: Time) -> None:
         """Write the intervals that are not over, and the payloads that are on the air: the run is over."""

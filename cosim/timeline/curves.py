@@ -2,7 +2,7 @@
 
 A count is per second, and 0 where nothing was. A level is the mean over the part's time of how many boxes there were.
 A duration is the mean of those that ended in the part, with the least and the greatest; without any there is none.
-The one of a metric is the mean over the part's time, with the least and the greatest.
+The one of a metric, or of a queue's length, is the mean over the part's time, with the least and the greatest.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,6 +14,7 @@ import numpy as np
 from cosim.timeline.assembly import lost_codes
 from cosim.timeline.codes import EVENT, SLAVE, STATE, Codes
 from cosim.timeline.lanes import Array, Boxes, Lane
+from cosim.timeline.queues import NO_QUEUES, Queue, Queues
 from cosim.units import S, Time
 
 _BLOCK: Final = 4096
@@ -79,6 +80,7 @@ class Drawn(NamedTuple):
     lanes: Sequence[Lane]
     codes: Codes
     series: SeriesOfRun = MappingProxyType({})
+    queues: Queues = NO_QUEUES
 
 
 def curves(drawn: Drawn) -> list[Curve]:
@@ -87,6 +89,7 @@ def curves(drawn: Drawn) -> list[Curve]:
     found = [each for what, each in _OF_LANES if what in there]
     links = drawn.codes.code_of(STATE, SLAVE) is not None
     found += [_POLLS] if links and "sent" in there else []
+    found += [curve for curve, _ in _OF_QUEUES] if drawn.queues else []
     kinds = drawn.codes.kinds
     found += [_of_state(name) for group, name in kinds if group == STATE]
     found += [_of_event(name) for group, name in kinds if group == EVENT]
@@ -105,6 +108,20 @@ _POLLS: Final = Curve(
     "ms",
     "from one packet of a master to its slave to the next; of a robot, where it is the slave. Polls of idle slaves are "
     "only known if the scenario has idle_frames",
+)
+_LENGTH: Final = Curve(
+    "queue_length",
+    "queue length",
+    "payloads",
+    "how many payloads radios had accepted that were not over: sent, delivered, lost or flushed. Where there are "
+    "routers, packets that these had handed to their radios",
+)
+_WAIT: Final = Curve(
+    "message_wait",
+    "message wait",
+    "ms",
+    "from the acceptance of a payload by a radio to the start of the first frame that carries it, where that starts; "
+    "RTS and CTS come before it",
 )
 
 
@@ -128,6 +145,9 @@ def values(name: str, drawn: Drawn, parts: Parts, robot: int | None) -> Values |
     if group == "metric":
         series = _chosen(drawn.series, kind, robot)
         return None if series is None else _averaged(series, parts)
+    for curve, of_queue in _OF_QUEUES:
+        if name == curve.name:
+            return of_queue(drawn.queues.of(robot), parts) if drawn.queues else None
     lanes = [lane for lane in drawn.lanes if robot is None or lane.named.robot == robot]
     if name == _POLLS.name:
         return _gaps(drawn, lanes, parts)
@@ -263,6 +283,21 @@ def _mean(times: Array, lengths: Array, parts: Parts) -> Values:
     there = count > 0
     mean = np.where(there, total / np.maximum(count, 1) / 1e6, np.nan)
     return Values(mean, np.where(there, least, np.nan), np.where(there, most, np.nan))
+
+
+# ---------------------------------------------------------------- queues
+
+
+def _length(queue: Queue, parts: Parts) -> Values:
+    return _averaged(Series(*queue.within(parts.start, parts.end), _LENGTH.unit), parts)
+
+
+def _wait(queue: Queue, parts: Parts) -> Values:
+    here = slice(*np.searchsorted(queue.begun, (parts.start, parts.end)))
+    return _mean(queue.begun[here], queue.waited[here], parts)
+
+
+_OF_QUEUES: Final = ((_LENGTH, _length), (_WAIT, _wait))
 
 
 # ---------------------------------------------------------------- metrics

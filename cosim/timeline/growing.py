@@ -13,17 +13,19 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.base import Flying
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.timeline.assembly import OF_SENDERS, TABLE_OF, lost_codes
-from cosim.timeline.codes import PICONET, STATE, Codes
+from cosim.timeline.codes import CHANNEL, FRAME, PICONET, STATE, Codes
 from cosim.timeline.curves import SeriesOfRun, series_of
 from cosim.timeline.detail import Row
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
+from cosim.timeline.queues import Queues
 from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
 from cosim.timeline.sensing import SENSED_FROM, Sensing
-from cosim.trace import FRAMES, INTERVALS, METRICS, Field, Table
+from cosim.trace import FRAMES, INTERVALS, METRICS, PAYLOADS, TRANSMISSIONS, Field, Table
 from cosim.units import S, Time
 
 MOST_ROWS: Final = 2_000_000
@@ -31,7 +33,9 @@ MOST_ROWS: Final = 2_000_000
 _UNSUMMED: Final = 1 << 14
 """Boxes of a lane, and beyond them an eighth of all, that may be in no level."""
 _OPEN: Final = (1 << 32) - (1 << 16)
-"""The numbers of rows of intervals that are under way begin here."""
+"""The numbers of rows of intervals that are under way begin here,"""
+_FLYING: Final = (1 << 32) - (1 << 15)
+"""and those of frames on the air here."""
 
 _WAITED: Final[Time] = 10 * S
 """Time after which the transmission of a lost frame is not waited for any more, ns."""
@@ -185,14 +189,27 @@ class Growing:
         self._maker = Maker(self.codes, late=True)
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
+        self._flying: list[Flying] = []
+        self._held: Rows = ()
         self._sensing = Sensing(radios, self.codes, self._several)
         self._series: SeriesOfRun = {}
         self._series_of = 0, 0
         """First row and number of the rows that the series are of."""
 
-    def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time) -> None:
-        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*."""
+    def take(
+        self,
+        new: Mapping[str, Rows],
+        under_way: Sequence[Interval],
+        now: Time,
+        held: Rows = (),
+        flying: Sequence[Flying] = (),
+    ) -> None:
+        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*.
+
+        *held* are rows of the payloads that radios hold now, *flying* the frames that are on the air.
+        """
         self.now = now
+        self._held = held
         for name in (*SOURCES, *(name for name in new if name not in SOURCES)):
             if new.get(name) and name in self._tables:
                 self._add(name, new[name])
@@ -202,6 +219,7 @@ class Growing:
             lane.renew(since, boxes)
             lane.sum_up(self.codes)
         self._show(under_way)
+        self._show_flying(flying)
         if sum(map(len, self._tables.values())) > self._most:
             self._forget()
 
@@ -209,6 +227,8 @@ class Growing:
         """Return the row of *table* with that *number*; raise UserError if it is not kept."""
         if table == INTERVALS.name and 0 <= number - _OPEN < len(self._open):
             return dict(zip((each.name for each in INTERVALS.fields), self._open[number - _OPEN], strict=True))
+        if table != INTERVALS.name and 0 <= number - _FLYING < len(self._flying):
+            return _row_of(self._flying[number - _FLYING])
         row = self._tables[table].row(number) if table in self._tables else None
         if row is None:
             raise UserError(f"{table}: there is no row {number}, or not any more")
@@ -222,6 +242,12 @@ class Growing:
             self._series_of = table.first, len(table)
             self._series = series_of(table.columns)
         return self._series
+
+    @property
+    def queues(self) -> Queues:
+        """What radios hold."""
+        table = self._tables.get(PAYLOADS.name)
+        return Queues({} if table is None else table.columns, self._held)
 
     def at(self, table: str, time: Time) -> list[Row]:
         """Return the rows of *table* of that *time*."""
@@ -296,6 +322,16 @@ class Growing:
             if master >= 0:
                 self._lane(PICONET, (master, each.radio, each.robot)).show((*box, each.robot))
 
+    def _show_flying(self, flying: Sequence[Flying]) -> None:
+        """Have the lanes of senders and channels show the frames that are *flying*, if no rows have told of them."""
+        self._flying = [each for each in flying if not each.told]
+        for at, each in enumerate(self._flying):
+            kind = self.codes.kind(FRAME, each.kind)
+            box = each.start, max(self.now, each.start), kind, 0, _FLYING + at
+            self._lane("sent", (each.source, each.radio, 0)).show((*box, each.destination))
+            if each.channel >= 0:
+                self._lane(CHANNEL, (-1, each.radio, each.channel)).show((*box, each.source))
+
     def _forget(self) -> None:
         """Forget a quarter of the rows of each table, and their boxes."""
         for table in self._tables.values():
@@ -305,6 +341,13 @@ class Growing:
         for lane in self.lanes:
             lane.forget(self._tables[lane.table].first)
             lane.sum_up(self.codes)
+
+
+def _row_of(flying: Flying) -> Row:
+    """Return what is known of a frame's row of the table ``transmissions``."""
+    row: Row = {each.name: None for each in TRANSMISSIONS.fields} | {"body": "", "routed": False}
+    row |= {name: getattr(flying, name) for name in ("source", "kind", "destination", "channel", "lt_addr", "length")}
+    return row | {"time_ns": flying.start, "duration_ns": flying.end - flying.start, "radio": flying.radio}
 
 
 def _identity(interval: Interval) -> tuple[Any, ...]:

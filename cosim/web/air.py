@@ -6,12 +6,14 @@ so does a return to that time. At the speed 1 that is ``GLOW_S``, at a tenth of 
 
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
 from cosim.arrays import Bools, Int64s
+from cosim.channels.base import Flying
 from cosim.trace import TableFile
 from cosim.units import S, Time, to_seconds
 from cosim.web.messages import Plain
@@ -162,13 +164,21 @@ class StoredAir:
 
 
 class RecentAir:
-    """The latest frames of a run under way, which tells of a frame when it is over; asked for at its present."""
+    """The latest frames of a run under way, which tells of a frame when it is over, and those on the air at present."""
 
     def __init__(self) -> None:
         self._frames: deque[Frame] = deque(maxlen=_KEPT)
         self._seen = 0
         self._lost = 0
         self._talked: dict[tuple[int, int], Time] = {}
+        self._flying: list[Frame] = []
+
+    def put(self, flying: Iterable[Flying]) -> None:
+        """Say which frames are on the air; their outcome is not known."""
+        self._flying = [
+            Frame(start, end, source, destination, kind, "", length, channel, lt_addr, "", radio)
+            for start, source, end, kind, destination, length, channel, lt_addr, radio, _ in flying
+        ]
 
     def append(self, frame: Frame) -> None:
         """Add a frame."""
@@ -195,7 +205,7 @@ class RecentAir:
                 break
         talks = [(*pair, to_seconds(at)) for pair, at in self._talked.items() if at > time - _talk(speed)]
         return {
-            "frames": [frame.row for frame in reversed(shown[:MOST_FRAMES])],
+            "frames": [frame.row for frame in (*reversed(shown[:MOST_FRAMES]), *self._flying)],
             "frames_left_out": max(0, len(shown) - MOST_FRAMES),
             "frames_seen": self._seen,
             "frames_lost": self._lost,

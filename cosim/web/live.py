@@ -22,7 +22,19 @@ from cosim.errors import UserError
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
-from cosim.trace import BELIEFS, FRAMES, INTERVALS, MESSAGES, METRICS, POSES, RECEPTIONS, TRANSMISSIONS, Table, Trace
+from cosim.trace import (
+    BELIEFS,
+    FRAMES,
+    INTERVALS,
+    MESSAGES,
+    METRICS,
+    PAYLOADS,
+    POSES,
+    RECEPTIONS,
+    TRANSMISSIONS,
+    Table,
+    Trace,
+)
 from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import PresentActivity
 from cosim.web.air import Frame, RecentAir
@@ -35,7 +47,7 @@ from cosim.web.scans import Scanner
 from cosim.web.scenes import scene_of
 from cosim.web.timeline import Grown, Timeline
 
-_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, METRICS, *BELIEFS)
+_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, PAYLOADS, METRICS, *BELIEFS)
 """Tables that a page shows besides the events."""
 _WISHES: Final = 64
 """Maximum number of wishes that wait."""
@@ -390,16 +402,16 @@ class Live:
     def _publish(self) -> None:
         """Let pages see the present state."""
         trace: Any = self._simulation.trace
+        doing, held, flying = self._simulation.under_way(), self._simulation.held(), self._simulation.flying()
         ticks, frames, events = trace.fetched()
+        grown = trace.grown()
         said = self._simulation.said()
         answers: list[Plain] = [
             {"say": "operator", "robot": robot, "time_s": to_seconds(at), "data": _decoded(payload)}
             for at, robot, payload in said
         ]
         moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
-        doing = self._simulation.under_way()
-        grown = trace.grown()
-        self._timeline.take(grown, doing, self._simulation.kernel.now)
+        self._timeline.take(grown, doing, self._simulation.kernel.now, held, flying)
         sensed = self._sense(ticks)
         with self._lock:
             if sensed is not None:
@@ -409,6 +421,7 @@ class Live:
                 self._ticks.append(row)
             for frame in frames:
                 self._air.append(frame)
+            self._air.put(flying)
             self._activity.put(doing)
             for row in events:
                 self._events.append(row)

@@ -18,7 +18,8 @@ from cosim.scenario import Scenario, protocol_names
 from cosim.timeline.curves import series_of
 from cosim.timeline.detail import Decode
 from cosim.timeline.index import Told, opened
-from cosim.trace import METRICS, StoredTable, TableFile
+from cosim.timeline.queues import COLUMNS, Queues
+from cosim.trace import METRICS, PAYLOADS, StoredTable, TableFile
 from cosim.units import S, Time, from_seconds, to_seconds
 from cosim.web.activity import StoredActivity
 from cosim.web.air import StoredAir
@@ -83,7 +84,9 @@ class Recorded:
         self._steps = {"tick": from_seconds(self._scene["tick_s"]), "slot": self._scene.get("slot_ns")}
         metrics = _table(folder, METRICS.name, StoredTable)
         series = {} if metrics is None else series_of(_columns(metrics))
-        self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata), series)
+        payloads = _table(folder, PAYLOADS.name, StoredTable)
+        queues = Queues({} if payloads is None else {name: payloads.column(name) for name in COLUMNS})
+        self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata), series, queues)
         self._scanner = cache(lambda: Scanner(self._scene))
         self.clock = Clock(end, wall, playing)
         """Its time; a run beside it may go by the same."""

@@ -29,6 +29,7 @@ from typing import Annotated, Any, Final, Literal, Protocol, TypeAlias
 import numpy as np
 from pydantic import Field
 
+from cosim.channels.base import Flying
 from cosim.errors import UserError
 from cosim.intervals import Interval
 from cosim.settings import Settings
@@ -40,6 +41,7 @@ from cosim.timeline.growing import Growing, Rows
 from cosim.timeline.index import Files, Index
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import Cells
+from cosim.timeline.queues import NO_QUEUES, Queues
 from cosim.timeline.region import region
 from cosim.timeline.search import Place, Wanted, find
 from cosim.timeline.sensing import adhoc_radios
@@ -141,7 +143,7 @@ class AskChannels(Settings):
 Question: TypeAlias = AskWindow | AskBox | AskNext | AskCurves | AskChannels | AskRegion
 """What a page may ask a timeline."""
 Known: TypeAlias = tuple[int, ...]
-"""What a page knows of the lanes: their number, those of kinds and outcomes, what is forgotten, and the metrics."""
+"""What a page knows: the numbers of lanes, kinds, outcomes, forgotten rows and metrics, and if there are queues."""
 
 
 class Timeline(Protocol):
@@ -287,10 +289,15 @@ class Kept:
     """The timeline of a recorded run."""
 
     def __init__(
-        self, index: Index, folder: Path, decode: Decode | None = None, series: SeriesOfRun = MappingProxyType({})
+        self,
+        index: Index,
+        folder: Path,
+        decode: Decode | None = None,
+        series: SeriesOfRun = MappingProxyType({}),
+        queues: Queues = NO_QUEUES,
     ) -> None:
         self.index = index
-        drawn = Drawn(index.lanes, index.codes, series)
+        drawn = Drawn(index.lanes, index.codes, series, queues)
         self._answers = Answers(drawn, Files(folder), decode)
         self._message = lanes_message(drawn, *span_of(index.lanes))
         self._lock = Lock()
@@ -314,28 +321,39 @@ class Grown:
         self._decode = decode
         self._lock = Lock()
 
-    def take(self, new: Mapping[str, Rows], under_way: Sequence[Interval], now: Time) -> None:
-        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*."""
+    def take(
+        self,
+        new: Mapping[str, Rows],
+        under_way: Sequence[Interval],
+        now: Time,
+        held: Rows = (),
+        flying: Sequence[Flying] = (),
+    ) -> None:
+        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*.
+
+        *held* are rows of the payloads that radios hold now, *flying* the frames that are on the air.
+        """
         with self._lock:
-            self._growing.take(new, under_way, now)
+            self._growing.take(new, under_way, now, held, flying)
 
     def told(self, known: Known | None) -> tuple[Row | None, Known]:
         """Return the message ``lanes`` if there are others than a page knows."""
         with self._lock:
             growing = self._growing
             lanes, codes = growing.lanes, growing.codes
-            series = growing.series
-            news = len(lanes), len(codes.kinds), len(codes.outcomes), growing.forgotten, len(series)
+            drawn = Drawn(lanes, codes, growing.series, growing.queues)
+            counts = len(lanes), len(codes.kinds), len(codes.outcomes)
+            news = *counts, growing.forgotten, len(drawn.series), int(bool(drawn.queues))
             if news == known:
                 return None, known
             first = span_of(lanes)[0] if growing.forgotten else 0
-            return lanes_message(Drawn(lanes, codes, series), first, growing.now, growing.forgotten), news
+            return lanes_message(drawn, first, growing.now, growing.forgotten), news
 
     def answer(self, question: Question) -> bytes | Row:
         """Answer a page; raise UserError, one line, for what cannot be asked."""
         with self._lock:
             growing = self._growing
-            drawn = Drawn(growing.lanes, growing.codes, growing.series)
+            drawn = Drawn(growing.lanes, growing.codes, growing.series, growing.queues)
             return Answers(drawn, growing, self._decode).answer(question)
 
 

@@ -16,12 +16,14 @@ from cosim.timeline.codes import Codes
 from cosim.timeline.curves import Drawn, Parts, curves, series_of, values
 from cosim.timeline.growing import Growing
 from cosim.timeline.index import opened
+from cosim.timeline.queues import COLUMNS, Queues
 from cosim.timeline.spectrum import areas
-from cosim.trace import TABLES
+from cosim.trace import TABLES, StoredTable
 from cosim.units import MS, S
+from cosim.web.live import Tap
 from cosim.web.recorded import Recorded
 from cosim.web.scenes import scene_of, write_scene
-from cosim.web.timeline import AskChannels, AskCurves
+from cosim.web.timeline import AskChannels, AskCurves, Grown
 from tests.web.browser import Browser, pixels, tab
 from tests.web.served import Served
 
@@ -49,18 +51,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def drawn(request: pytest.FixtureRequest, folder: Path) -> Drawn:
     """Return the lanes of the run: those of its files, and those of a run whose rows come second by second."""
     if request.param == "recorded":
-        index = opened(folder)
-        return Drawn(index.lanes, index.codes)
+        index, payloads = opened(folder), StoredTable(folder / "payloads.parquet")
+        return Drawn(index.lanes, index.codes, queues=Queues({name: payloads.column(name) for name in COLUMNS}))
     growing = Growing(TABLES.values())
     tables = {name: pd.read_parquet(folder / f"{name}.parquet") for name in ("transmissions", "frames", "messages")}
-    tables["intervals"] = pd.read_parquet(folder / "intervals.parquet").sort_values("end_ns", kind="stable")
+    for name in ("intervals", "payloads"):
+        tables[name] = pd.read_parquet(folder / f"{name}.parquet").sort_values("end_ns", kind="stable")
     for now in range(S, END + 2 * S, S):
         new = {}
         for name, table in tables.items():
-            ends = table["end_ns" if name == "intervals" else "time_ns"]
+            ends = table["end_ns" if name in ("intervals", "payloads") else "time_ns"]
             new[name] = [tuple(row) for row in table[(ends >= now - S) & (ends < now)].itertuples(index=False)]
         growing.take(new, [], min(now, END))
-    return Drawn(growing.lanes, growing.codes)
+    return Drawn(growing.lanes, growing.codes, queues=growing.queues)
 
 
 def table(folder: Path, name: str) -> pd.DataFrame:
@@ -143,6 +146,78 @@ def test_poll_gaps_are_those_between_packets_of_a_master_to_a_slave(drawn: Drawn
             assert np.isnan(told).all()
     assert len(gaps) > 150
     assert np.isnan(found.mean[0])  # no link yet: no gap is not a gap of 0
+
+
+# ---------------------------------------------------------------- queues
+
+
+def lengths(payloads: pd.DataFrame, low: int, high: int) -> list[float]:
+    """Return mean, least and greatest of how many of *payloads* are held in [low, high), looked at between changes."""
+    changes = pd.concat([payloads.time_ns, payloads.end_ns])
+    edges = [low, *sorted(set(changes[(changes > low) & (changes < high)])), high]
+    held = [int(((payloads.time_ns <= at) & (payloads.end_ns > at)).sum()) for at in edges[:-1]]
+    mean = sum(number * length for number, length in zip(held, np.diff(edges).tolist(), strict=True)) / (high - low)
+    return [mean, min(held), max(held)]
+
+
+@pytest.mark.parametrize("robot", [None, 0, 2])
+def test_queues_are_as_long_as_radios_hold_payloads(drawn: Drawn, folder: Path, robot: int | None):
+    payloads = table(folder, "payloads")
+    payloads = payloads if robot is None else payloads[payloads.source == robot]
+    found = values("queue_length", drawn, PARTS, robot)
+    assert found is not None
+    for part, (low, high) in enumerate(windows()):
+        assert [column[part] for column in found] == pytest.approx(lengths(payloads, low, high)), part
+    assert found.most is not None
+    assert max(found.most) >= 3 - (robot or 0)
+    assert found.mean[0] == 0
+
+
+@pytest.mark.parametrize("robot", [None, 0, 2])
+def test_messages_wait_from_their_acceptance_to_their_first_frame(drawn: Drawn, folder: Path, robot: int | None):
+    payloads = table(folder, "payloads")
+    payloads = payloads[payloads.begun_ns >= 0]
+    payloads = payloads if robot is None else payloads[payloads.source == robot]
+    found = values("message_wait", drawn, PARTS, robot)
+    assert found is not None
+    for part, (low, high) in enumerate(windows()):
+        here = payloads[(payloads.begun_ns >= low) & (payloads.begun_ns < high)]
+        waits = (here.begun_ns - here.time_ns) / MS
+        told = [column[part] for column in found]
+        if len(waits):
+            assert told == pytest.approx([waits.mean(), waits.min(), waits.max()])
+        else:
+            assert np.isnan(told).all()
+    assert np.nansum(found.mean) > 5
+
+
+def test_a_run_under_way_tells_of_what_is_held_now(folder: Path):
+    run = Simulation(load(SCENARIO), 1, tuple(TABLES.values()), Tap)
+    trace: Any = run.trace
+    grown = Grown(trace.tables.values())
+    payloads, kept = table(folder, "payloads"), 0
+    run.begin()
+    for now in range(4_850_000_000, 5_300_000_000, 17_000_001):
+        run.advance(now)
+        grown.take(trace.grown(), run.under_way(), now, run.held())
+        asked = {"from_ns": str(now - 50 * MS), "to_ns": str(now), "step_ns": str(5 * MS)}
+        told = grown.answer(AskCurves(say="curves", number=1, names=["queue_length", "message_wait"], **asked))
+        assert isinstance(told, dict)
+        length, wait = told["curves"]
+        before = payloads[payloads.time_ns < now]
+        for part in range(10):
+            low = now - 50 * MS + part * 5 * MS
+            expected = lengths(before, low, low + 5 * MS)
+            assert [length[name][part] for name in ("mean", "least", "most")] == pytest.approx(expected)
+            begun = before[(before.begun_ns >= low) & (before.begun_ns < low + 5 * MS)]
+            waited_ms = (begun.begun_ns - begun.time_ns).mean() / MS
+            assert wait["mean"][part] == (None if begun.empty else pytest.approx(waited_ms))
+        kept += int((before.end_ns > now).sum())
+    assert kept > 5
+    lanes = grown.told(None)[0]
+    assert lanes is not None
+    units = {each["name"]: each["unit"] for each in lanes["curves"]}
+    assert (units["queue_length"], units["message_wait"]) == ("payloads", "ms")
 
 
 # ---------------------------------------------------------------- RF channels
@@ -255,7 +330,7 @@ def test_parts_that_cannot_be_are_told(folder: Path, words: tuple[str, str, str]
 
 
 def test_what_there_is_none_of_is_left_out(folder: Path):
-    names = ["no", "state:no", "metric:no", "sent:no", "state:", "lost"]
+    names = ["no", "state:no", "metric:no", "sent:no", "state:", "queue", "lost"]
     asked = AskCurves(say="curves", number=7, names=names, from_ns="0", to_ns="10", step_ns="3")
     told = Recorded(folder).timeline.answer(asked)
     assert isinstance(told, dict)
@@ -270,13 +345,18 @@ def test_curves_are_chosen_and_told(browser: Browser, folder: Path):
         assert not page.locator(".tl-plots").is_visible()  # lanes come first where there is little room
         page.locator(".tl-overlay").press("v")
         page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes('lost/s')")
-        page.locator(".tl-curves button[value='state:slave']").press("Enter")
-        chosen = "curves=delivered,lost,state:slave"
+        for name in ("state:slave", "queue_length", "message_wait"):
+            page.locator(f".tl-curves button[value='{name}']").press("Enter")
+        chosen = "curves=delivered,lost,state:slave,queue_length,message_wait"
         page.wait_for_function("words => decodeURIComponent(location.hash).includes(words)", arg=chosen)
         page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes('slave')")
-        assert "0 to 3" in page.locator(".tl-values div").nth(2).inner_text()
+        page.wait_for_function("() => document.querySelector('.tl-values').textContent.includes(' payloads')")
+        ranges = page.locator(".tl-values div span").all_inner_texts()
+        assert ranges[2] == "0 to 3"
+        assert [each.split(" ")[-1] for each in ranges[3:]] == ["payloads", "ms"]
         page.locator("summary", has_text="Curves as a table").click()
-        page.wait_for_selector(".tl-listing th:has-text('slave')")
+        for title in ("slave", "queue length (payloads)", "message wait (ms)"):
+            page.wait_for_selector(f".tl-listing th:has-text('{title}')")
         page.evaluate("document.querySelector('.tl-plots canvas').id = 'curves'")
         assert pixels(page, "accent", "curves") > 20
         assert pixels(page, "bad", "curves") > 20

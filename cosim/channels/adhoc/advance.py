@@ -88,7 +88,7 @@ def _has_room(network: Network, log: Log | None) -> bool:
     """Return whether the next event cannot bring more events, reports and frames than there is room for."""
     common, size = network.common[0], len(network.stations)
     events = common.events + 2 * size + common.frames_under_way + 4 <= len(network.agenda)
-    reports = common.told + 2 * size + 4 <= len(network.told)
+    reports = common.told + 4 * size + 4 <= len(network.told)
     if log is not None and not has_log_room(network, log):
         return False
     return bool(events and reports and common.free_frame != NONE)

@@ -27,7 +27,9 @@ def begin(network: Network, number: int, now: Time) -> None:
     frame = frames[number]
     frame.begin, frame.whole, frame.next = now, True, NONE
     if frame.packet != NONE:
-        network.packets[frame.packet].users += 1
+        packet = network.packets[frame.packet]
+        packet.users += 1
+        packet.begun = min(packet.begun, now)
     common.frames += 1
     common.frames_under_way += 1
     last = common.last_begun

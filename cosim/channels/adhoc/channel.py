@@ -25,10 +25,10 @@ from cosim.channels.adhoc.mac import KINDS, Packet
 from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.routing.base import COUNTS, Delivery, Router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
-from cosim.channels.adhoc.state import END, FAILURE, HEARD, NOTHING, Records, Report
+from cosim.channels.adhoc.state import END, FAILURE, FINISHED, HEARD, NEVER, NOTHING, Records, Report
 from cosim.channels.adhoc.stations import Kept, Rules, Stations, Wanted
 from cosim.channels.adhoc.tables import doings, receptions, transmissions
-from cosim.channels.base import Arrival, Positions
+from cosim.channels.base import Arrival, Flying, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
@@ -126,6 +126,7 @@ class AdhocChannel(IdealChannel):
             intervals=self.intervals.wanted,
             transmissions=trace.wants(TRANSMISSIONS),
             receptions=trace.wants(RECEPTIONS),
+            packets=self.payloads.wanted,
         )
         self._stations = Stations(size, rules, kernel, self._draws, self, wanted)
         self._jamming = Jamming(kernel, self._jam_mw, self._stations, size)
@@ -166,6 +167,8 @@ class AdhocChannel(IdealChannel):
             return
         self._held[source] += 1
         packet = Packet(outgoing.destination, outgoing.payload, outgoing.token)
+        if self.payloads.wanted:
+            self._accept(source, packet)
         self._handover.hand(source, partial(self._queue, source, packet))
 
     def moved(self, positions_m: Positions) -> None:
@@ -188,7 +191,9 @@ class AdhocChannel(IdealChannel):
             self.intervals.begin(address, "off", self.kernel.now)
         self._reach.power(address, on)
         self._stations.moved()
+        self._note_begun()
         self._stations.power(address, on)
+        self.payloads.lose(address, self.kernel.now)
         self._held[address] = 0
         self._handover.forget(address)
         if self._forwarding is not None:
@@ -202,6 +207,15 @@ class AdhocChannel(IdealChannel):
         of_each = zip(columns.starts.tolist(), columns.stations.tolist(), columns.states, columns.details, strict=True)
         waits = [Interval(start, robot, now, 0, state, detail) for start, robot, state, detail in of_each]
         return super().under_way(now) + waits
+
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the frames that are on the air *now*."""
+        return self._stations.flying()
+
+    def _note_begun(self) -> None:
+        if self.payloads.wanted:
+            for packet, at in self._stations.begun():
+                self.payloads.begin(packet, at)
 
     def close(self, now: Time) -> None:
         """Write the intervals that are not over, and what is not written yet: the run is over."""
@@ -301,9 +315,14 @@ class AdhocChannel(IdealChannel):
         """Have the station of *address* send a packet of its router; it is lost if there is no room for it."""
         if self._most is None or self._held[address] < self._most:
             self._held[address] += 1
+            if self.payloads.wanted:
+                self._accept(address, packet)
             self._queue(address, packet)
         elif self._forwarding is not None:
             self._forwarding.refused(address, packet)
+
+    def _accept(self, address: Address, packet: Packet) -> None:
+        self.payloads.accept(packet, address, packet.destination, len(packet.payload), self.kernel.now)
 
     def _queue(self, address: Address, packet: Packet) -> None:
         self._jamming.follow()
@@ -317,8 +336,14 @@ class AdhocChannel(IdealChannel):
         self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
 
     def noted(self, report: Report, packet: Packet | None) -> None:
-        """Record a frame at a robot that it is meant for, or that it has not reached the one."""
-        if report.what == HEARD:
+        """Record a frame at a robot that it is meant for, or that has not reached the one, or the end of a packet."""
+        if report.what == FINISHED:
+            if report.begin != NEVER:
+                self.payloads.begin(packet, report.begin)
+            to_all = report.right and packet is not None and packet.destination == BROADCAST
+            fate = Outcome.SENT if to_all else Outcome.DELIVERED if report.right else Outcome.UNACKNOWLEDGED
+            self.payloads.end(packet, report.begin + report.duration, fate.value)
+        elif report.what == HEARD:
             if report.destination in (BROADCAST, report.station):
                 self._row(report, packet, report.station, "received" if report.right else "collided")
         elif report.missed:

@@ -26,7 +26,7 @@ from cosim.channels.adhoc.air import begin, leave_packet, new_frame, tell, tell_
 from cosim.channels.adhoc.log import log_access, log_response, log_unsensed, note_waiting
 from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Form
 from cosim.channels.adhoc.reception import IGNORED, RIGHT, begins, disturb, ends, energy
-from cosim.channels.adhoc.state import DONE, END, FAILURE, NEVER, NONE, RECEIVED, Log, Network, Record
+from cosim.channels.adhoc.state import DONE, END, FAILURE, FINISHED, NEVER, NONE, RECEIVED, Log, Network, Record
 from cosim.jit import njit
 from cosim.kernel import AIR, DELIVER
 from cosim.machine import BROADCAST
@@ -83,6 +83,7 @@ def queue(network: Network, address: int, destination: int, form: Form, asks: bo
     packet.form.preamble, packet.form.header, packet.form.end = form.preamble, form.header, form.end
     packet.form.header_kbps, packet.form.header_bits = form.header_kbps, form.header_bits
     packet.number, packet.short, packet.long, packet.users, packet.next = station.numbers, 0, 0, 1, NONE
+    packet.begun = NEVER
     station.numbers += 1
     station.waiting += 1
     if station.waiting == 1:  # frames that end or begin at this instant come first
@@ -143,6 +144,10 @@ def _finish(network: Network, log: Log | None, address: int, acknowledged: bool,
     awaited = network.packets[station.first].awaited
     if awaited == END or (awaited == FAILURE and not acknowledged):
         tell(network, DONE, address, station.first, acknowledged)
+    if common.packets_noted:
+        report = tell(network, FINISHED, address, station.first, acknowledged)
+        report.begin = network.packets[station.first].begun
+        report.duration = now - report.begin
     if not acknowledged:
         common.dropped += 1
     _take_first(network, station)

@@ -45,6 +45,7 @@ COMMON: Final = np.dtype(
         ("key_0", np.int64),  # of the draws
         ("key_1", np.int64),
         ("noted", np.bool_),  # the ends of all frames are told, for tables, at each station, too
+        ("packets_noted", np.bool_),  # and so are those of all packets
         ("events", np.int64),  # number of events on the agenda
         ("orders", np.int64),  # number of events that have ever been put there
         ("told", np.int64),  # number of reports that wait
@@ -129,6 +130,7 @@ PACKET: Final = np.dtype(
         ("long", np.int64),  # failures of a frame after an RTS
         ("asks", np.bool_),  # an RTS precedes it
         ("awaited", np.int64),  # what somebody wants to hear of: NOTHING, FAILURE, or END, whatever becomes of it
+        ("begun", np.int64),  # beginning of the first frame that carries it; NEVER before, for tables
         ("users", np.int64),  # the queue, and frames that are under way
         ("next", np.int64),  # in the queue, or among the free ones
     ],
@@ -172,6 +174,8 @@ HEARD: Final = 2
 """A frame has arrived to its end at a station."""
 OVER: Final = 3
 """A frame has arrived to its end everywhere."""
+FINISHED: Final = 4
+"""A packet is off the queue, whether its host waits for that or not."""
 
 REPORT: Final = np.dtype(
     [

@@ -19,7 +19,7 @@ from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
 from cosim.channels.adhoc.log import EACH, MORE, has_log_room, log_under_way
-from cosim.channels.adhoc.mac import Access, Limits, Packet, Timing
+from cosim.channels.adhoc.mac import KINDS, Access, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
     DONE,
@@ -42,6 +42,7 @@ from cosim.channels.adhoc.state import (
     with_frames,
     with_packets,
 )
+from cosim.channels.base import Flying
 from cosim.jit import njit
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address
@@ -92,6 +93,8 @@ class Wanted(NamedTuple):
     """every frame once more,"""
     receptions: bool = False
     """and what became of it at stations: these three in bulk, later."""
+    packets: bool = False
+    """Every packet that is off the queue."""
 
 
 NOTHING_WANTED: Final = Wanted()
@@ -123,7 +126,10 @@ class Host(Protocol):
         """Note that a packet is off the queue: acknowledged (or broadcast), or tried as often as allowed."""
 
     def noted(self, report: Report, packet: Packet | None) -> None:
-        """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER)."""
+        """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER).
+
+        Or that a packet is off the queue (FINISHED).
+        """
 
     def logged(self, kept: Kept) -> None:
         """Write what has been kept, in arrays that are the stations' own."""
@@ -141,7 +147,7 @@ class Stations:
         cck = tables(() if limits is None else _rates(self._timing))
         network = new_network(size, *rules, draws.key, cck, kernel.now)
         self._common = network.common[0]
-        self._common["noted"] = wanted.frames
+        self._common["noted"], self._common["packets_noted"] = wanted.frames, wanted.packets
         self._log = _new_log(wanted, LOG_ROWS + EACH * size + MORE)
         self._transmissions_kept = _field(network.common, "transmissions")
         """Number of transmissions in the log, and the packets that they have carried."""
@@ -256,6 +262,26 @@ class Stations:
     def dropped(self) -> int:
         """Number of packets that were sent as often as allowed, and not acknowledged."""
         return int(self._common["dropped"])
+
+    def flying(self) -> list[Flying]:
+        """Return the frames that have begun and not yet arrived to their ends."""
+        frames, found = self._network.frames, []
+        for number in (int(self._common["first_there"]), int(self._common["first_begun"])):
+            while number != NONE:
+                frame = frames[number]
+                kind, source, begin = (int(frame[name]) for name in ("kind", "source", "begin"))
+                end = begin + int(frame["form"]["duration"])
+                length = 0 if frame["packet"] == NONE else len(self._packets[int(frame["packet"])].payload)
+                found.append(Flying(begin, source, end, KINDS[kind], int(frame["destination"]), length))
+                number = int(frame["next"])
+        return found
+
+    def begun(self) -> list[tuple[Packet, Time]]:
+        """Return the packets that have been on the air and are still queued, and when their first frames have begun."""
+        network = self._network
+        firsts = network.stations["first"][network.stations["waiting"] > 0]
+        times = network.packets["begun"][firsts].tolist()
+        return [(self._packets[number], at) for number, at in zip(firsts.tolist(), times, strict=True) if at != NEVER]
 
     # ------------------------------------------------------------ what is kept for tables
 
@@ -403,7 +429,7 @@ class Stations:
             network = with_frames(network, len(network.frames))
         if self._common["free_packet"] == NONE:
             network = with_packets(network, len(network.packets))
-        while self._told[0] + 2 * size + 4 > len(network.told):
+        while self._told[0] + 4 * size + 4 > len(network.told):
             network = network._replace(told=doubled(network.told))
         while self._events[0] + 2 * size + self._under_way[0] + 4 > len(network.agenda):
             network = network._replace(agenda=doubled(network.agenda))

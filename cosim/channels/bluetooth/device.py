@@ -12,7 +12,7 @@ import numpy as np
 
 import cosim.elementary as elementary
 from cosim.arrays import Floats
-from cosim.channels.base import Arrival, Channel, Positions
+from cosim.channels.base import Arrival, Channel, Flying, Positions
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller
 from cosim.channels.bluetooth.hopping import NARROW
@@ -220,6 +220,13 @@ class BluetoothChannel(Channel):
         """Return what its radios are doing *now*, and write what is over: devices skip ahead."""
         return [*self._courses.under_way(now), *super().under_way(now)]
 
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the frames that are on the air *now*: those that are rows when they end, and IDs if they are heard."""
+        return [
+            Flying(start, source, start + duration, kind, destination, length, channel, lt_addr)
+            for start, duration, kind, source, destination, channel, lt_addr, length in self.air.flying(now)
+        ]
+
     def close(self, now: Time) -> None:
         """Write what is not over: the run is."""
         self._courses.close(now)
@@ -302,7 +309,7 @@ class BluetoothChannel(Channel):
         clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
         narrow = NARROW if self.settings.channels == 23 else 0
         identity = Identity(address, int(stream.integers(1 << 32)) | narrow, clock)
-        radio = Radio(self.kernel, self.air, identity, self._courses)
+        radio = Radio(self.kernel, self.air, identity, self._courses, self.payloads)
         return Controller(radio, self.settings, self.devices, self._report, self._call)
 
     def _equip(self, device: Controller, streams: Streams) -> None:

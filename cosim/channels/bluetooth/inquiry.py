@@ -199,6 +199,8 @@ class InquiryScanner:
         if inquiry.sends(start) and air.reaches(carrier):
             channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick), inquiry.word)
             frame = Frame(start, ID_AIR, "ID", inquiry.address, self.address, channel)
+            if air.recorded:
+                air.latest[frame.source] = frame._replace(destination=BROADCAST)
             heard = partial(self._hear, inquiry, meeting, frame, carrier)
             self._expected[inquiry] = self._kernel.at(start + ID_AIR, heard)
         else:
@@ -234,6 +236,8 @@ class InquiryScanner:
         channel = inquiry_response_channel(clkn, self.n + 16 * meeting.second, inquiry.word)
         frame = Frame(start, FHS_AIR, "FHS", self.address, inquiry.address, channel)
         self._air.put(frame)
+        if self._air.recorded:
+            self._air.latest[frame.source] = frame
         inquiry.reply(frame, meeting.tick, clkn)
         self.n += 1
         end = start + FHS_AIR

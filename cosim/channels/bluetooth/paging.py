@@ -301,6 +301,8 @@ class Page:
         if self.air.reaches(carrier):
             channel = self.channel(meeting.tick)
             frame = Frame(self.kernel.now, ID_AIR, "ID", self.address, self.scanner.address, channel)
+            if self.air.recorded:
+                self.air.latest[frame.source] = frame
             self._expected = self.kernel.after(ID_AIR, partial(self._heard, meeting, frame, carrier))
         else:
             self._seek(meeting.tick + 1)
@@ -471,6 +473,8 @@ class _Exchange:
     def _transmit(self, frame: Frame, tuned: bool, then: _Then) -> None:
         air = self._page.air
         air.put(frame)
+        if air.recorded:
+            air.latest[frame.source] = frame
         self._under_way = frame
         carrier = air.carrier(frame.source, frame.destination)
         self._pending = self._kernel.after(frame.duration, partial(self._arrive, frame, carrier, tuned, then))

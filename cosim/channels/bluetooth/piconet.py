@@ -82,7 +82,7 @@ class Piconet:
         self._settings = settings
         self._deliver = deliver
         self._on_lost = on_lost
-        self._queues = Queues(table, scheduler)
+        self._queues = Queues(table, scheduler, radio.payloads, lambda: kernel.now)
         self._parking = Parking(self.links, settings.park_interval_slots, settings.park_window_slots)
         state = PiconetState(kernel, air, clock, settings, self.links, self._parking, self._queues, deliver)
         self._report = state.report
@@ -272,7 +272,10 @@ class Piconet:
         elif settings.queue is not None and self._queues.length(queue) >= settings.queue:
             why = Outcome.QUEUE_FULL
         else:
-            self._push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length), self._kernel.now))
+            payload = Payload(lt_addr, outgoing, kind, kind.air_time(length), self._kernel.now)
+            if self._queues.payloads is not None:
+                self._queues.payloads.accept(payload, source, outgoing.destination, length, payload.queued)
+            self._push(queue, payload)
             return None
         self._report(fate(source, outgoing, why))
         return why

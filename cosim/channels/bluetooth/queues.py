@@ -9,6 +9,7 @@ from typing import TypeAlias
 from cosim.channels.bluetooth.packets import PacketType
 from cosim.channels.bluetooth.polling import EVERYONE, LAZY, MOST_SLAVES, QUEUED, WAITING, State
 from cosim.machine import Address, Fate, LinkEvent, Outcome, Outgoing
+from cosim.payloads import Payloads
 from cosim.units import Time
 
 LinkEvents: TypeAlias = list[tuple[Address, LinkEvent]]
@@ -32,10 +33,6 @@ class Payload:
     taken: int = 0
     """Slaves that have received it, bit k for LT_ADDR k (broadcasts only)."""
 
-    def fate(self, source: Address, outcome: Outcome) -> LinkEvents:
-        """Return the event for *source* that the payload has ended with *outcome*, if it was asked for."""
-        return fate(source, self.outgoing, outcome)
-
 
 def fate(source: Address, outgoing: Outgoing, outcome: Outcome) -> LinkEvents:
     """Return the event for *source* that its payload has ended with *outcome*; none if it has no token."""
@@ -49,8 +46,14 @@ class Queues:
     the number of payloads that the master has for each slave in the row WAITING, if *scheduler* uses it.
     """
 
-    def __init__(self, links: State, scheduler: int = LAZY) -> None:
+    def __init__(
+        self, links: State, scheduler: int = LAZY, payloads: Payloads | None = None, now: Callable[[], Time] = lambda: 0
+    ) -> None:
+        """*payloads* takes what becomes of payloads, if it wants that; *now* tells the time."""
         self._links = links
+        self.payloads = payloads if payloads is not None and payloads.wanted else None
+        """Takes what becomes of payloads, if a trace wants that."""
+        self._now = now
         self._counts = scheduler != LAZY
         self._waiting: list[deque[Payload]] = [deque() for _ in range(MOST_SLAVES + 1)]
 
@@ -122,7 +125,13 @@ class Queues:
 
     def fates(self, gone: list[Payload], source: Address) -> LinkEvents:
         """Return the events for *source* that payloads have been flushed."""
-        return [item for payload in gone for item in payload.fate(source, Outcome.FLUSHED)]
+        return [item for payload in gone for item in self.ended(payload, source, Outcome.FLUSHED)]
+
+    def ended(self, payload: Payload, source: Address, outcome: Outcome) -> LinkEvents:
+        """Return the event for *source* that *payload* has ended now with *outcome*, if it was asked for."""
+        if self.payloads is not None:
+            self.payloads.end(payload, self._now(), outcome.value)
+        return fate(source, payload.outgoing, outcome)
 
     def _count(self, queue: int) -> None:
         """Count the payloads for each slave in the master's queue, up to the first broadcast."""

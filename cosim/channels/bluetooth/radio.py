@@ -40,6 +40,7 @@ from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.kernel import Kernel
 from cosim.machine import Address
+from cosim.payloads import Payloads
 from cosim.units import MS, Time
 
 Interference: TypeAlias = Literal["none", "co_channel", "neighbouring"]
@@ -176,6 +177,8 @@ class Air:
         self._arrived = arrived
         self.recorded = not (record is None and sent is None and arrived is None)
         """True if a trace wants frames, or what is sent, or what arrives."""
+        self.latest: dict[Address, Frame] = {}
+        """The frame that each device has sent last, or sends soon, of those that a trace is told at their ends."""
         self._clear: tuple[Address, Time, Address] | None = None
         """(source, start, receiver) of a frame that has just been found to meet nothing, if anybody wants to know."""
         self._running = 0
@@ -306,13 +309,8 @@ class Air:
 
     def _expose(self, master: Address) -> None:
         """Put the idle pair under way in a piconet, which was alone up to now, on the air for others to meet."""
-        piconet, links = self.band.piconets[master], self.band.links[master]
-        slave = int(links[SLAVE, piconet[PAIR_LINK]])
-        for i in range(piconet[STAGE]):
-            tick = int(piconet[PAIR_TICK]) + 2 * i
-            start = start_of(int(piconet[PHASE]), int(piconet[PPM]), tick)
-            source, channel = slave if i else master, self.channel(master, tick)
-            self._note(source, start, start + HEADER_AIR, channel)
+        for start, duration, _, source, _, channel, *_ in self._idle_pair(master):
+            self._note(source, start, start + duration, channel)
 
     def _note(self, source: Address, start: Time, end: Time, channel: int) -> None:
         """Note a frame that is on the air; a frame that has been over for long can meet nothing any more."""
@@ -360,6 +358,26 @@ class Air:
         if self.calm and frame.start >= self.stray:
             return GOOD
         return self._sections(frame, receiver, carrier_dbm, bits, coded, ACCESS_CODE, frame.duration)
+
+    def flying(self, now: Time) -> list[Frame]:
+        """Return the frames that a trace wants and that are on the air *now*, but for those that begin."""
+        if self._idle:
+            self.advance(now, now - 1)
+        sent = [*self.latest.values(), *(frame for master in self._idle for frame in self._idle_pair(master))]
+        return [frame for frame in sent if frame.start < now <= frame.start + frame.duration]
+
+    def _idle_pair(self, master: Address) -> list[Frame]:
+        """Return the POLL and, if that has come, the NULL of the idle pair under way in a piconet."""
+        piconet, links = self.band.piconets[master], self.band.links[master]
+        k, found = int(piconet[PAIR_LINK]), []
+        for i in range(piconet[STAGE]):
+            tick, ends = int(piconet[PAIR_TICK]) + 2 * i, (master, int(links[SLAVE, k]))
+            start = start_of(int(piconet[PHASE]), int(piconet[PPM]), tick)
+            source, destination = ends[::-1] if i else ends
+            found.append(
+                Frame(start, HEADER_AIR, "NULL" if i else "POLL", source, destination, self.channel(master, tick), k)
+            )
+        return found
 
     # ------------------------------------------------------------ frames of inquiries and pages
 
@@ -528,3 +546,5 @@ class Radio:
     identity: Identity
     courses: Courses = field(default_factory=Courses)
     """What all devices do, for who wants to see it."""
+    payloads: Payloads | None = None
+    """What all devices hold, for who wants to see that."""

@@ -138,6 +138,8 @@ class Slots:
         carriers = air.carrier(self.address, slave), air.carrier(slave, self.address)
         pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
         frame = self._send(tick, kind, duration, self.address, slave, k, payload, tick)
+        if noted:
+            air.latest[frame.source] = frame
         self._kernel.after(duration, partial(self._asked, pair, frame))
 
     def _asked(self, pair: _Pair, frame: Frame) -> None:
@@ -160,7 +162,7 @@ class Slots:
         links.table[HEARD_DOWN, k] = self._kernel.now
         events: LinkEvents = []
         if pair.acknowledges:
-            events = self._queues.pop(k).fate(pair.slave, Outcome.DELIVERED)
+            events = self._queues.ended(self._queues.pop(k), pair.slave, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if question is not None and fate.heard is Heard.RECEIVED:
             pair.taken = True
@@ -187,6 +189,8 @@ class Slots:
         kind, duration, first = _shape(answer, NULL)
         polling.answer_pair(links.piconet, links.table, tick, pair.k, first, answer is not None, kind.slots)
         reply = self._send(tick, kind, duration, pair.slave, self.address, pair.k, answer, pair.tick)
+        if pair.noted:
+            self._air.latest[reply.source] = reply
         self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
 
     def _answered(self, pair: _Pair, frame: Frame) -> None:
@@ -207,7 +211,7 @@ class Slots:
         events: LinkEvents = []
         if pair.taken and pair.question is not None:
             self._queues.remove(pair.question)
-            events = pair.question.fate(self.address, Outcome.DELIVERED)
+            events = self._queues.ended(pair.question, self.address, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if answer is not None and fate.heard is Heard.RECEIVED and polling.take_up_link(links.table, k):
             self._receive(arrivals, self.address, answer, pair.slave, pair.up_dbm)
@@ -227,6 +231,8 @@ class Slots:
             self._queues.remove(payload)
         listeners = self._listeners(tick, kind.slots, payload is None)
         frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
+        if self._recorded if payload is not None else self._idle_recorded:
+            self._air.latest[frame.source] = frame._replace(destination=BROADCAST)
         self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, listeners, last))
 
     def _listeners(self, tick: int, slots: int, parked_only: bool) -> list[_Listener]:
@@ -270,7 +276,9 @@ class Slots:
                 table[HEARD_DOWN, k] = now
             else:
                 self._on_beacon(k)
-        events = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
+        events: LinkEvents = []
+        if payload is not None and last:
+            events = self._queues.ended(payload, self.address, Outcome.SENT)
         if arrivals or events:
             self._deliver(arrivals, events)
 
@@ -298,6 +306,8 @@ class Slots:
             self.frames[payload.kind.name] += 1
         channel = self._air.channel(self.address, asked if self.links.piconet[USED] else tick)
         start = self.clock.time_of(tick)
+        if payload is not None and payload.tries == 1 and self._queues.payloads is not None:
+            self._queues.payloads.begin(payload, start)
         self._air.send(source, start, duration, channel)
         return _new(Frame, (start, duration, kind.name, source, destination, channel, lt_addr, length))
 

@@ -62,7 +62,7 @@ export class Run {
 
   take_air({ frames, talks = [], frames_seen = 0, frames_lost = 0, frames_left_out = 0 }) {
     this.frames = frames.map(([start_s, end_s, source, destination, kind, outcome, length, channel, lt_addr, part, radio]) =>
-      ({ start_s, end_s, source, destination, kind, outcome, length, channel, lt_addr, part, radio, good: outcome === "received" }));
+      ({ start_s, end_s, source, destination, kind, outcome, length, channel, lt_addr, part, radio, good: outcome === "received" || outcome === "" })); // on the air: not known yet
     this.talks = talks;
     Object.assign(this.counts, { frames: frames_seen, lost: frames_lost, unshown: frames_left_out });
     if (frames_seen) this.had.add("frames");

@@ -26,7 +26,7 @@ export class Table {
       [down && "does nothing any more", standing(run.doing, robot)].filter(Boolean).join("; "),
     ]));
     fill(this.frames, run.flying.slice(0, MOST_FRAMES).map(({ kind, source, destination, channel, outcome }) =>
-      [kind, source, destination < 0 ? "all" : destination, channel < 0 ? "" : channel, outcome]));
+      [kind, source, destination < 0 ? "all" : destination, channel < 0 ? "" : channel, outcome || "on the air"]));
     fill(this.beliefs, [...told.flatMap(({ words }) => words), ...words_of_beliefs(run)]);
   }
 }

@@ -14,7 +14,9 @@ from cosim.units import US
 
 SIZE = 3
 EACH = 2
-"""What an event may bring for each station: an event of its own, and one of its back-off; or two reports."""
+"""What an event may bring for each station: an event of its own, and one of its back-off."""
+REPORTS = 4
+"""And so many reports: the frame has ended there, is received, the packet is given up, and that for tables."""
 MORE = 4
 """What it may bring beside these, and beside the end of each frame that is under way."""
 LATER = 2
@@ -59,7 +61,7 @@ def test_of_events(under_way: int) -> None:
 
 @pytest.mark.parametrize("untold", [0, 5])
 def test_of_reports(untold: int) -> None:
-    enough = untold + EACH * SIZE + MORE
+    enough = untold + REPORTS * SIZE + MORE
     for room, why in ((enough - 1, FULL), (enough, IDLE)):
         network = waiting()
         network.common["told"] = untold

@@ -196,7 +196,7 @@ export class Plots {
       const [low, top] = curve ? extent(curve.mean, curve.least, curve.most) : [0, 0];
       const here = now_ns <= axis.to_ns && now_ns >= axis.from_ns ? curve?.mean[at] : undefined;
       const measure = unit === "1" || unit === "1/s" ? "" : ` ${unit}`;
-      return [`${title} ${number(here)}${here === undefined || here === null ? "" : measure}`, `${number(low)} to ${number(top)}`];
+      return [`${title} ${number(here)}`, `${number(low)} to ${number(top)}${measure}`];
     });
     const text = lines.flat().join("\n") + this.of;
     if (this.told === text) return;
