@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from cosim.channels.base import Flying
-from cosim.scenario import load
+from cosim.experiment import scenario_named
 from cosim.simulation import Simulation
 from cosim.trace import TABLES, Trace
 from cosim.units import S, Time
@@ -21,25 +21,33 @@ MOMENTS = 20
 
 
 class Case(NamedTuple):
-    scenario: Path
+    scenario: str
     begin: Time
     end: Time
     kinds: frozenset[str]
+    sets: tuple[str, ...] = ()
 
 
 CASES = {
-    "802.11": Case(ROOT / "examples" / "4_two_radios.yaml", 0, 8 * S, frozenset({"DATA", "ACK"})),
+    "802.11": Case(str(ROOT / "examples" / "4_two_radios.yaml"), 0, 8 * S, frozenset({"DATA", "ACK"})),
     "Bluetooth": Case(
-        ROOT / "docs" / "pictures" / "jammer_with_afh.yaml",
+        str(ROOT / "docs" / "pictures" / "jammer_with_afh.yaml"),
         0,
         9 * S,
         frozenset({"ID", "FHS", "POLL", "NULL", "DM1"}),
+    ),
+    "bridges": Case(
+        "scatternet_coverage",
+        8 * S,
+        12 * S,
+        frozenset({"POLL", "NULL", "DM1"}),
+        ("channel={kind: bluetooth, idle_frames: true}", "team.size=8", "protocol.parameters.piconet_size=4"),
     ),
 }
 
 
 def simulation(case: Case, trace: type[Trace] = Trace) -> Simulation:
-    run = Simulation(load(case.scenario), 1, tuple(TABLES.values()), trace)
+    run = Simulation(scenario_named(case.scenario, case.sets), 1, tuple(TABLES.values()), trace)
     run.begin()
     return run
 

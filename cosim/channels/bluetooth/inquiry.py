@@ -200,7 +200,7 @@ class InquiryScanner:
             channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick), inquiry.word)
             frame = Frame(start, ID_AIR, "ID", inquiry.address, self.address, channel)
             if air.recorded:
-                air.latest[frame.source] = frame._replace(destination=BROADCAST)
+                air.latest.append(frame._replace(destination=BROADCAST))
             heard = partial(self._hear, inquiry, meeting, frame, carrier)
             self._expected[inquiry] = self._kernel.at(start + ID_AIR, heard)
         else:
@@ -237,7 +237,7 @@ class InquiryScanner:
         frame = Frame(start, FHS_AIR, "FHS", self.address, inquiry.address, channel)
         self._air.put(frame)
         if self._air.recorded:
-            self._air.latest[frame.source] = frame
+            self._air.latest.append(frame)
         inquiry.reply(frame, meeting.tick, clkn)
         self.n += 1
         end = start + FHS_AIR

@@ -302,7 +302,7 @@ class Page:
             channel = self.channel(meeting.tick)
             frame = Frame(self.kernel.now, ID_AIR, "ID", self.address, self.scanner.address, channel)
             if self.air.recorded:
-                self.air.latest[frame.source] = frame
+                self.air.latest.append(frame)
             self._expected = self.kernel.after(ID_AIR, partial(self._heard, meeting, frame, carrier))
         else:
             self._seek(meeting.tick + 1)
@@ -474,7 +474,7 @@ class _Exchange:
         air = self._page.air
         air.put(frame)
         if air.recorded:
-            air.latest[frame.source] = frame
+            air.latest.append(frame)
         self._under_way = frame
         carrier = air.carrier(frame.source, frame.destination)
         self._pending = self._kernel.after(frame.duration, partial(self._arrive, frame, carrier, tuned, then))

@@ -51,6 +51,8 @@ MODES: Final[dict[str, int]] = {
 }
 LONGEST_FRAME: Final[Time] = 4 * MS
 """Bound of the air time of a frame of Basic Rate (five slots are 3.125 ms)."""
+LATEST: Final = 16
+"""Number of latest frames that are kept for each device: it sends one a half-slot at most, and none lasts so long."""
 FOREVER: Final[Time] = 1 << 61
 _NOTHING_DBM: Final = float("-inf")
 _NO_LOG: Final = np.empty((0, LOG_FIELDS), dtype=np.int64)
@@ -177,8 +179,8 @@ class Air:
         self._arrived = arrived
         self.recorded = not (record is None and sent is None and arrived is None)
         """True if a trace wants frames, or what is sent, or what arrives."""
-        self.latest: dict[Address, Frame] = {}
-        """The frame that each device has sent last, or sends soon, of those that a trace is told at their ends."""
+        self.latest: deque[Frame] = deque(maxlen=LATEST * size)
+        """Frames that have been sent last, or are sent soon, of those that a trace is told at their ends."""
         self._clear: tuple[Address, Time, Address] | None = None
         """(source, start, receiver) of a frame that has just been found to meet nothing, if anybody wants to know."""
         self._running = 0
@@ -363,7 +365,7 @@ class Air:
         """Return the frames that a trace wants and that are on the air *now*, but for those that begin."""
         if self._idle:
             self.advance(now, now - 1)
-        sent = [*self.latest.values(), *(frame for master in self._idle for frame in self._idle_pair(master))]
+        sent = [*self.latest, *(frame for master in self._idle for frame in self._idle_pair(master))]
         return [frame for frame in sent if frame.start < now <= frame.start + frame.duration]
 
     def _idle_pair(self, master: Address) -> list[Frame]:

@@ -139,7 +139,7 @@ class Slots:
         pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
         frame = self._send(tick, kind, duration, self.address, slave, k, payload, tick)
         if noted:
-            air.latest[frame.source] = frame
+            air.latest.append(frame)
         self._kernel.after(duration, partial(self._asked, pair, frame))
 
     def _asked(self, pair: _Pair, frame: Frame) -> None:
@@ -190,7 +190,7 @@ class Slots:
         polling.answer_pair(links.piconet, links.table, tick, pair.k, first, answer is not None, kind.slots)
         reply = self._send(tick, kind, duration, pair.slave, self.address, pair.k, answer, pair.tick)
         if pair.noted:
-            self._air.latest[reply.source] = reply
+            self._air.latest.append(reply)
         self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
 
     def _answered(self, pair: _Pair, frame: Frame) -> None:
@@ -232,7 +232,7 @@ class Slots:
         listeners = self._listeners(tick, kind.slots, payload is None)
         frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
         if self._recorded if payload is not None else self._idle_recorded:
-            self._air.latest[frame.source] = frame._replace(destination=BROADCAST)
+            self._air.latest.append(frame._replace(destination=BROADCAST))
         self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, listeners, last))
 
     def _listeners(self, tick: int, slots: int, parked_only: bool) -> list[_Listener]:
