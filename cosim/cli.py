@@ -106,9 +106,9 @@ def commands() -> None:
     "--trace",
     "trace",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Write the tables there: poses, what was on the air (frames, transmissions, receptions, unsent), what lasts "
-    "(intervals: links, crashes, jammers ...), what machines get and report (messages, links, events, calls), and what "
-    "robots believe (maps, ways, estimates); metrics over time.",
+    help="Write the tables there: poses, what was on the air (frames, transmissions, receptions, unsent), what radios "
+    "hold (payloads), what lasts (intervals: links, crashes, jammers ...), what machines get and report (messages, "
+    "links, events, calls), and what robots believe (maps, ways, estimates); metrics over time.",
 )
 @click.option(
     "--pcapng",

@@ -21,7 +21,7 @@ import io
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -116,14 +116,12 @@ class Parts:
         data = part.read_bytes()
         name = _NAME.fullmatch(part.name)
         digest = name and name[part.parent.name]
-        try:
+        # the bytes are in memory, so that an OSError is Arrow's
+        with suppress(pa.ArrowException, OSError, UnicodeDecodeError):
             if digest in (None, _digest(data)[:16]):
                 found = read(io.BytesIO(data))
                 if len(getattr(found, "column_names", found)):
                     return found
-        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-            if isinstance(error, OSError) and error.errno is not None:  # the system's word, not Arrow's
-                raise
         # the next sweep clears away observations without runs
         which = "it" if part.parent.name == "runs" else "the file of that name in runs"
         raise UserError(f"{part}: is not a whole Parquet file; delete {which} and sweep again") from None

@@ -311,7 +311,7 @@ def test_a_disk_that_fails_is_no_damaged_part(tmp_path: Path, monkeypatch: pytes
     def fail(*_: Any, **__: Any) -> None:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr("pyarrow.parquet.read_table", fail)
+    monkeypatch.setattr(Path, "read_bytes", fail)
     with pytest.raises(OSError, match="Input/output error"):
         store.read()
 
