@@ -92,8 +92,8 @@ def test_a_floor_that_is_too_large_for_the_time_is_refused_with_a_least_time_tha
 ) -> None:
     """Paper 004, section 4: "map an area that is too large for them to cover in the required time".
 
-    The farthest place is 58 m from A; by what is known of a floor that is to be learned, as the crow flies. Somebody has
-    to come within 13 m of it at 0.3 m/s; all start within 3.4 m of A. Then the team drives at 0.5 m/s.
+    The farthest place is 58 m from A; of a floor that is to be learned it is only known where the place is, not the way.
+    Somebody has to come within 13 m of it at 0.3 m/s; all start within 3.4 m of A. Then the team drives at 0.5 m/s.
     """
     plain = parameters()
     plain["scenario"]["protocol"]["parameters"] |= {"map": kind, "calls": []}
