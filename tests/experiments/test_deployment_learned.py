@@ -92,7 +92,7 @@ def test_a_floor_that_is_too_large_for_the_time_is_refused_with_a_least_time_tha
 ) -> None:
     """Paper 004, section 4: "map an area that is too large for them to cover in the required time".
 
-    The farthest place is 58 m from A; of a floor that is to be learned it is only known where the place is, not the way.
+    The farthest place is 58 m from A; of a floor that is to be learned nobody knows the way, only where the place is.
     Somebody has to come within 13 m of it at 0.3 m/s; all start within 3.4 m of A. Then the team drives at 0.5 m/s.
     """
     plain = parameters()
