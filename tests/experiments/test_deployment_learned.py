@@ -1,6 +1,8 @@
 """Deploying by a map just made: the experiment runs, and its claims hold, fail and stay open."""
 
+import json
 import math
+import re
 from copy import deepcopy
 from itertools import product
 from typing import Any
@@ -11,8 +13,10 @@ import yaml
 
 from cosim.experiment import load_experiment
 from cosim.report.claims import judge, published_claims
+from cosim.simulation import Simulation
+from cosim.units import S
 from experiments.deployment_learned_map import figures
-from experiments.deployment_learned_map.learning import COLUMNS, measure
+from experiments.deployment_learned_map.learning import COLUMNS, Parameters, measure
 from tests.checkout import EXPERIMENTS
 
 FOLDER = EXPERIMENTS / "deployment_learned_map"
@@ -62,6 +66,50 @@ def test_the_experiment_is_ready_to_run() -> None:
     assert len(found.arms) == 2 * len(figures.EXPLORERS) * len(figures.NETWORKS)
 
 
+def answered(plain: dict[str, Any], call: dict[str, Any]) -> dict[str, Any]:
+    """Return what the host's console says to *call* before anything has happened."""
+    run = Simulation(Parameters.model_validate(plain).placed(1), 1)
+    run.begin()
+    run.operate(0, json.dumps({"request": 1, "say": "call", "call": call}).encode())
+    run.advance(S)
+    said = [json.loads(each.payload) for each in run.said()]
+    (answer,) = [each for each in said if each.get("answer") == 1]
+    return answer
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "call", "deadline_s", "drives_m"),
+    [
+        ("given", {"play": "explore", "parameters": {"robots": 2}}, 5.0, 0.0),
+        ("learned", {"play": "explore", "parameters": {"robots": 2}}, 5.0, 0.0),
+        ("given", {"play": "survey", "places": ["B", "C"]}, 60.0, 42.0),
+    ],
+    ids=["explore", "explore a floor of which only places are known", "survey"],
+)
+def test_a_floor_that_is_too_large_for_the_time_is_refused_with_a_least_time_that_is_true(
+    kind: str, call: dict[str, Any], deadline_s: float, drives_m: float
+) -> None:
+    """Paper 004, section 4: "map an area that is too large for them to cover in the required time".
+
+    The farthest place is 58 m from A; of a floor that is to be learned nobody knows the way, only where the place is.
+    Somebody has to come within 13 m of it at 0.3 m/s; all start within 3.4 m of A. Then the team drives at 0.5 m/s.
+    """
+    plain = parameters()
+    plain["scenario"]["protocol"]["parameters"] |= {"map": kind, "calls": []}
+    play, deadline = call["play"], {"kind": "deadline", "seconds": deadline_s}
+    refusal = answered(plain, call | {"constraints": [deadline]})
+    assert (refusal["say"], len(refusal["conflicts"]), len(refusal["mend"])) == ("refusal", 2, 1)
+    assert refusal["conflicts"][0] == f"the call: {play} ends at most {deadline_s:g} s after the plan begins"
+    (least_s,) = map(float, re.findall(rf"^{play}/explore: exploring takes at least (\S+) s$", refusal["conflicts"][1]))
+    far_m = 58.0 if kind == "given" else math.hypot(26.0, 32.0)
+    assert 0.85 * (far_m - 3.4 - 13.2) / 0.3 < least_s < (far_m + 2.0 + 3.4 - 13.0) / 0.3
+    (instead,) = refusal["calls"].values()
+    (relaxed,) = instead["constraints"]
+    assert relaxed["seconds"] - least_s >= max(0.9 * drives_m / 0.5, -0.05)
+    assert answered(plain, instead)["say"] == "plan"
+
+
 @pytest.mark.slow
 def test_a_team_explores_returns_and_deploys_by_its_map() -> None:
     """Two robots will do, and the nearer places: it takes a while as it is."""
@@ -77,6 +125,8 @@ def test_a_team_explores_returns_and_deploys_by_its_map() -> None:
     assert found["map_m2"] == pytest.approx(FLOOR_M2, rel=0.01)
     assert found["map_alike"] == 1.0
     assert found["explored_s"] > 58.0 / 0.3 * 0.9  # somebody has been near the end of the longest way
+    told = answered(plain, explore["call"])  # the first call finds the floor as it is told here
+    assert 30.0 < told["windows"]["explore"][2] < found["explored_s"]
 
 
 @pytest.mark.slow

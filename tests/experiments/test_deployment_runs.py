@@ -45,14 +45,33 @@ def test_an_experiment_is_ready_to_run(name: str) -> None:
     assert found.settings.run is not None
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_alternatives_are_ready_to_run(name: str) -> None:
-    found = load_experiment(EXPERIMENTS / name / "alternatives.yaml")
+SHEETS = [*((name, "alternatives") for name in NAMES), ("deployment_wean", "positions")]
+
+
+@pytest.mark.parametrize(("name", "sheet"), SHEETS)
+def test_the_alternatives_are_ready_to_run(name: str, sheet: str) -> None:
+    found = load_experiment(EXPERIMENTS / name / f"{sheet}.yaml")
     assert found.arms
     for arm in found.arms:
         plain = deepcopy(arm.parameters)
         plain["scenario"]["floorplan"] = parameters(name)["scenario"]["floorplan"]
         Parameters.model_validate(plain)
+
+
+def test_with_true_positions_the_runs_are_those_of_the_sweep_and_else_odometry_errs() -> None:
+    sheets = (load_experiment(EXPERIMENTS / "deployment_wean" / f"{name}.yaml") for name in ("positions", "sweep"))
+    chosen, usual = ({tuple(arm.labels.values()): deepcopy(arm.parameters) for arm in each.arms} for each in sheets)
+    found = dict[tuple[Any, ...], tuple[Any, ...]]()
+    for labels, plain in (*chosen.items(), *usual.items()):
+        senses, own = plain["scenario"]["team"]["senses"], plain["scenario"]["protocol"]["parameters"]
+        errs = [senses.pop(name) > 0 for name in ("odometry_slip", "odometry_turn_rad", "range_noise_m")]
+        found[labels] = own["positioning"].pop("kind"), *errs
+        del plain["scenario"]["name"]
+    for (network,), plain in usual.items():
+        assert [chosen[name, network] == plain for name in ("true", "mcl", "odometry")] == [True] * 3
+        assert found["true", network] == found[(network,)] == ("given", False, False, False)
+        assert found["mcl", network] == ("mcl", True, True, True)
+        assert found["odometry", network] == ("given", True, True, True)
 
 
 @pytest.mark.parametrize("name", NAMES)

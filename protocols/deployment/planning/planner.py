@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import networkx as nx
 from pydantic import Field, JsonValue
@@ -20,7 +20,7 @@ from cosim.machine import Address
 from cosim.settings import Count, Settings
 from cosim.units import to_seconds
 from protocols.deployment.planning.augmenting import ExecutiveParameters
-from protocols.deployment.planning.binding import Role, Site, near
+from protocols.deployment.planning.binding import Binding, Role, Site, near
 from protocols.deployment.planning.casting import Casting, cast, of_robot, picked
 from protocols.deployment.planning.mending import Change, Infeasible, Mend, in_a_circle, out_of_time, short_of_robots
 from protocols.deployment.planning.methods import expanded, expanded_to
@@ -57,7 +57,7 @@ from protocols.deployment.planning.timing import (
     timing_out,
     wanted_at_once,
 )
-from protocols.deployment.tasks.constraints import Constraint, PlaceName, between, limited, quantities_of
+from protocols.deployment.tasks.constraints import EndsWith, PlaceName, Tailored, between, limited, quantities_of
 from protocols.deployment.tasks.crew import Body, Crew, Ways
 from protocols.deployment.tasks.plan import (
     Between,
@@ -120,6 +120,37 @@ def revealed(root: Task, names: Collection[str]) -> Task:
     return root
 
 
+class Ending(NamedTuple):
+    """The constraint of a call by which *task* is terminated when *of* ends."""
+
+    task: str
+    of: str
+
+    @property
+    def why(self) -> str:
+        """The constraint in words, and who asked for it."""
+        return f"{CALLER}: {self.task} ends with {self.of}"
+
+
+def ended(root: Task, endings: Sequence[Ending]) -> Task:
+    """Return *root* with tasks that end with others; raise UserError where that means nothing."""
+    enders: dict[str, str] = {}
+    for task, of in endings:
+        if f"{task}/".startswith(f"{of}/") or f"{of}/".startswith(f"{task}/"):
+            raise UserError(f"{task} cannot end with {of}: one is part of the other")
+        if enders.setdefault(task, of) != of:
+            raise UserError(f"{task} ends with {enders[task]}, and cannot end with {of} too")
+
+    def change(task: Task) -> Task:
+        if task.name not in enders:
+            return task
+        if task.ends_with not in (None, enders[task.name]):
+            raise UserError(f"{task.name} ends with {task.ends_with}, and cannot end with {enders[task.name]} too")
+        return task.model_copy(update={"ends_with": enders[task.name]})
+
+    return rewritten(root, change) if enders else root
+
+
 def led(root: Task, via_m: Mapping[str, tuple[Place, ...]]) -> Task:
     """Return *root* with waypoints of drives, by the tasks' names; raise UserError for a task that is no drive."""
 
@@ -161,7 +192,7 @@ class Call(Settings):
     places: tuple[PlaceName, ...] | None = Field(default=None, description="short for the parameter places")
     robots: tuple[Count, ...] | None = Field(default=None, description="robots that may take part; None: all")
     roles: dict[str, Count] = Field(default_factory=dict, description="robot of a role; the planner chooses the others")
-    constraints: tuple[Constraint, ...] = Field(
+    constraints: tuple[Tailored, ...] = Field(
         default=(), max_length=MOST_ROBOTS, description="on tasks by their labels below the play"
     )
     via: dict[str, tuple[PlaceName, ...]] = Field(
@@ -383,7 +414,7 @@ class _Calling:
         changed: dict[str, Any] = {"robots": None} if change.everyone else {}
         if spans_s or change.dropped:
             changed["constraints"] = tuple(
-                limited(each, *spans_s[why]) if why in spans_s else each
+                limited(each, *spans_s[why]) if why in spans_s and not isinstance(each, EndsWith) else each
                 for why, each in zip(self.asked, self.call.constraints, strict=True)
                 if why not in change.dropped
             )
@@ -512,19 +543,19 @@ class _Calling:
             root = self._picked(expanded(root), casting.unused, crew)
         below = {task.name for task in root.walk()}
         constraints = [each for each in casting.between if not casting.unused or _tasks_of(each) <= below]
-        asked = []
-        for each in call.constraints:
-            numbers = {key: binding.number_of(value) for key, value in quantities_of(each).items()}
-            asked.append(between(each, root.name, numbers, CALLER))
+        asked = [_asked(each, root.name, binding) for each in call.constraints]
         self.asked = [each.why for each in asked]
-        constraints += asked
+        constraints += [each for each in asked if isinstance(each, Between)]
+        endings = [each for each in asked if isinstance(each, Ending) and each.why not in change.dropped]
         constraints += [_before(first, then) for first, then in change.before]
         spans_s = {why: (least_s, most_s) for why, least_s, most_s in change.spans_s}
         constraints = [_respanned(each, spans_s) for each in constraints if each.why not in change.dropped]
         via_m = self._via_m(root, casting)
         expand = self.planner.parameters.expand if call.expand is None else call.expand
         root = expanded_to(root, {"none": -1, "all": None}[expand] if isinstance(expand, str) else expand)
-        root = led(revealed(root, [*via_m, *(name for each in constraints for name in sorted(_tasks_of(each)))]), via_m)
+        named = [name for each in constraints for name in sorted(_tasks_of(each))]
+        named += [name for each in endings for name in each]
+        root = ended(led(revealed(root, [*via_m, *named]), via_m), endings)
         return timed_out(root, {name: most for name, (_, most) in spans_s.items() if most is not None}), constraints
 
     def _via_m(self, root: Task, casting: Casting) -> dict[str, tuple[Place, ...]]:
@@ -561,6 +592,9 @@ class _Calling:
         round_ = circle(whole, graph, constraints)
         if round_:
             return in_a_circle(round_)
+        vain = self._in_vain(whole, graph)
+        if vain is not None:
+            return vain
         clashes = wanted_at_once(leaves, graph, lambda task: actors(task.act))
         if clashes:
             texts = tuple(f"robot {robot} is wanted by {a} and by {b} at once" for robot, a, b in clashes)
@@ -573,6 +607,20 @@ class _Calling:
         return Infeasible(no_way + overlaps) if no_way or overlaps else None
 
 
+    def _in_vain(self, whole: Task, graph: "nx.DiGraph[Point]") -> Infeasible | None:
+        """Return the conflict of tasks that the call has end with what ends before they start; None without any."""
+        endings = [Ending(task.name, task.ends_with) for task in whole.walk() if task.ends_with is not None]
+        vain = [
+            each
+            for each in endings
+            if each.why in self.asked and nx.has_path(graph, (each.of, "end"), (each.task, "start"))
+        ]
+        if not vain:
+            return None
+        texts = tuple(f"{each.why}, which ends before {each.task} starts" for each in vain)
+        return Infeasible(texts, tuple(Mend(f"without: {each.why}", Change(dropped=(each.why,))) for each in vain))
+
+
 def _closer(distances_m: Sequence[float | None]) -> tuple[Mend, ...]:
     """Return the mend that robots gather closer to each other; none where there is no way at all."""
     known_m = [each for each in distances_m if each is not None]
@@ -583,6 +631,14 @@ def _closer(distances_m: Sequence[float | None]) -> tuple[Mend, ...]:
 
 def _tasks_of(constraint: Between) -> set[str]:
     return {constraint.earlier.task, constraint.later.task} - {""}
+
+
+def _asked(constraint: Tailored, prefix: str, binding: Binding) -> Between | Ending:
+    """Return a constraint of the call, on the tasks below *prefix*."""
+    if isinstance(constraint, EndsWith):
+        return Ending(*(f"{prefix}/{task}" if task else prefix for task in (constraint.task, constraint.of)))
+    numbers = {key: binding.number_of(value) for key, value in quantities_of(constraint).items()}
+    return between(constraint, prefix, numbers, CALLER)
 
 
 def _before(first: str, then: str) -> Between:

@@ -1,8 +1,9 @@
 """Temporal constraints as people write them, in a play or when they tailor one, and as they stand in a plan.
 
 Paper 004, section 5: a task "can be constrained to precede another, ... to start 10 seconds after another, or to
-terminate whenever another task completes"; the last is ``ends_with`` of a task. Tasks are named by their labels below
-the play, as in ``leap/stage-2``; the empty name is the play itself.
+terminate whenever another task completes". The last is no bound on times: a play and a plan have it as ``ends_with`` of
+a task, a call as :class:`EndsWith`. Tasks are named by their labels below the play, as in ``leap/stage-2``; the empty
+name is the play itself.
 """
 
 from typing import Annotated, Any, Final, Literal, Self, TypeAlias
@@ -86,6 +87,18 @@ class Deadline(Settings):
 
 
 Constraint: TypeAlias = Annotated[Before | After | Within | Deadline, Field(discriminator="kind")]
+
+
+class EndsWith(Settings):
+    """A task is terminated, if it has not ended by itself, when another ends, however that ends."""
+
+    kind: Literal["ends_with"] = "ends_with"
+    task: str = Field(description="label of the task that is terminated")
+    of: str = Field(description="label of the task whose end terminates it")
+
+
+Tailored: TypeAlias = Annotated[Before | After | Within | Deadline | EndsWith, Field(discriminator="kind")]
+"""What a call can add to a play."""
 
 
 def limited(constraint: Constraint, least_s: float, most_s: float | None) -> Constraint:

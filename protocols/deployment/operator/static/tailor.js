@@ -5,8 +5,13 @@ import { button, choice, duration, labelled, make, number, place_text } from "./
 import { Places } from "./places.js";
 import { Tasks } from "./tasks.js";
 
-const KINDS = [["before", "before"], ["after", "after"], ["within", "takes at most"], ["deadline", "has ended by"]];
+const KINDS = [
+  ["before", "before"], ["after", "after"], ["starts_with", "starts with"], ["ends_with", "ends with"],
+  ["within", "takes at most"], ["deadline", "has ended by"],
+];
 const EDGES = [["start", "starts"], ["end", "ends"]];
+// for the planner, to start with another is a case of after: no time between two starts
+const TOGETHER = { kind: "after", edge: "start", of_edge: "start", at_least_s: 0, at_most_s: 0 };
 
 /** The additions to one call, and the plan that the planner has made of it. */
 export class Tailor {
@@ -156,10 +161,18 @@ export class Tailor {
     };
     const amount = (field, label) => number(this.fresh[field], (value) => { this.fresh[field] = value; },
       { name: field, placeholder: "s", aria: { label } });
+    const two = (first, then, arranged) => { // at first, two of which neither is part of the other
+      const [one, other] = first_apart(named.map(([label]) => label));
+      this.fresh[first] ??= one;
+      this.fresh[then] ??= other;
+      return arranged(tasks(first), tasks(then));
+    };
     const fields = {
-      before: () => [tasks("first"), "ends before", tasks("then"), "starts, by at least", amount("at_least_s", "at least, seconds"), "s"],
-      after: () => [tasks("task"), edge("edge", "start"), amount("at_least_s", "at least, seconds"), "to", amount("at_most_s", "at most, seconds"),
-        "s after", tasks("of"), edge("of_edge", "end")],
+      before: () => two("first", "then", (first, then) => [first, "ends before", then, "starts, by at least", amount("at_least_s", "at least, seconds"), "s"]),
+      after: () => two("task", "of", (task, of) => [task, edge("edge", "start"), amount("at_least_s", "at least, seconds"), "to",
+        amount("at_most_s", "at most, seconds"), "s after", of, edge("of_edge", "end")]),
+      starts_with: () => two("task", "of", (task, of) => [task, "starts when", of, "starts"]),
+      ends_with: () => two("task", "of", (task, of) => [task, "is terminated when", of, "ends"]),
       within: () => [tasks("task", true), "takes at most", amount("seconds", "seconds"), "s"],
       deadline: () => [tasks("task", true), "has ended at most", amount("seconds", "seconds"), "s after the play begins"],
     };
@@ -167,7 +180,8 @@ export class Tailor {
   }
 
   add_constraint() {
-    const made = { kind: this.find("constraint-kind").value };
+    const { value: kind } = this.find("constraint-kind");
+    const made = kind === "starts_with" ? { ...TOGETHER } : { kind };
     for (const field of this.find("constraint-fields").querySelectorAll("[name]")) {
       const value = field.type === "number" ? (field.value === "" ? null : Number(field.value)) : field.value;
       if (value !== null) made[field.name] = value;
@@ -228,14 +242,26 @@ export function constraint_text(each) {
     case "before":
       return `${each.first} ends ${each.at_least_s ? `at least ${each.at_least_s} s ` : ""}before ${each.then} starts`;
     case "after": {
+      if (Object.entries(TOGETHER).every(([field, value]) => each[field] === value)) return `${each.task} starts when ${each.of} starts`;
       const most = each.at_most_s === undefined ? "" : ` at most ${each.at_most_s} s`;
       return `${each.task} ${each.edge}s at least ${each.at_least_s ?? 0} s${most} after ${each.of} ${each.of_edge}s`;
     }
+    case "ends_with":
+      return `${each.task} is terminated when ${each.of} ends`;
     case "within":
       return `${whole} takes at most ${each.seconds} s`;
     default:
       return `${whole} has ended at most ${each.seconds} s after the play begins`;
   }
+}
+
+/** The first two of the tasks of which neither is part of the other; none if there are none. */
+function first_apart(labels) {
+  for (const one of labels) {
+    const other = labels.find((each) => !`${one}/`.startsWith(`${each}/`) && !`${each}/`.startsWith(`${one}/`));
+    if (other !== undefined) return [one, other];
+  }
+  return [];
 }
 
 function flat(nodes) {

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import strategies as st
 
+from protocols.deployment.tasks.orders import Result
 from protocols.deployment.tasks.plan import Plan
 from tests.protocols.deployment.play_scene import Scene, Troubles, posts_of
 from tests.protocols.deployment.plays_scene import Scene as Office
@@ -48,3 +49,24 @@ def test_the_scenario_of_section_7_ends_deployed(dead: int | None):
     assert all(math.dist(robot.at_m, posts_m[robot.address]) < 1e-9 for robot in living)
     assert {(20.0, 9.0), (20.0, -9.0)} <= {posts_m[robot.address] for robot in living}
     assert scene.executive.states[plan.root.name] == "done"
+
+
+def test_tasks_start_and_end_with_others_as_a_call_has_it():
+    """Those that leap wait for the others' second stage, and are terminated when these have deployed."""
+    leap, group = "beyond/leap/stage-1", "beyond/group/stage-2"
+    together = {"kind": "after", "task": leap, "edge": "start", "of": group, "of_edge": "start", "at_most_s": 0}
+    ends = {"kind": "ends_with", "task": "beyond/leap", "of": "beyond/group"}
+    office = Office()
+    plan = office.plan("wean", parameters=WEAN | {"ahead_s": 0}, constraints=[together, ends])
+    scene, begun = Scene(plan, office.crew, ways=office.floor), dict[str, int]()
+    assert scene.executive is not None
+    while not scene.executive.finished:
+        scene.step()
+        for task in (leap, group):
+            if scene.executive.states[f"wean/{task}"] != "waiting":
+                begun.setdefault(task, scene.now)
+    ends_at = {end.task: (end.at, end.result) for end in scene.ends}
+    assert begun[leap] == begun[group] > ends_at["wean/to-crossing"][0]
+    assert ends_at["wean/beyond/leap"] == (ends_at["wean/beyond/group"][0], Result.TERMINATED)
+    assert ends_at["wean"][1] is ends_at["wean/beyond/group"][1] is Result.DONE
+    assert not scene.breaches

@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,7 +11,7 @@ from pydantic import ValidationError
 from cosim.errors import UserError
 from protocols.deployment.planning.planner import Call, PlannerParameters, Refusal
 from protocols.deployment.tasks.plan import Deployment, Go, Instant, Plan
-from tests.protocols.deployment.planner_scene import NEAR_FAR, WEAN
+from tests.protocols.deployment.planner_scene import NEAR_FAR, WEAN, scene_of, schedule
 from tests.protocols.deployment.plays_scene import BODY, Scene
 
 
@@ -45,12 +46,91 @@ def test_an_edge_comes_after_an_edge_of_another_task() -> None:
     assert (found.earlier.edge, found.later.edge) == ("end", "start")
 
 
+ENDS = {"kind": "ends_with", "task": "beyond/group", "of": "beyond/leap"}
+
+
+def test_a_task_ends_with_another_one_by_the_call() -> None:
+    """Paper 004, section 5: "a task can be constrained to terminate whenever another task completes"."""
+    scene, usual = Scene(), Scene().plan("wean", parameters=WEAN)
+    plan = scene.plan("wean", parameters=WEAN, constraints=[ENDS])
+    enders = {name: task.ends_with for name, task in plan.tasks.items() if task.ends_with is not None}
+    assert enders == {"wean/beyond/group": "wean/beyond/leap"}
+    assert plan.constraints == usual.constraints, "it is no bound on times"
+    windows = scene.planner.windows_s(plan, scene.starts_m)
+    shortest_s, usual_s = (
+        one[Instant(task="wean/beyond/group", edge="end")][0]
+        for one in (windows, scene.planner.windows_s(usual, scene.starts_m))
+    )
+    assert shortest_s is not None
+    assert usual_s is not None
+    assert shortest_s < usual_s, "it may be cut short"
+
+
+def test_what_ends_with_another_one_is_seen_in_a_deployment_that_is_not_expanded() -> None:
+    ends = {"kind": "ends_with", "task": "deploy/stage-1/robot-0", "of": "deploy/stage-1/robot-1"}
+    plan = Scene().plan("deploy/group", places=NEAR_FAR, constraints=[ends])
+    assert plan.tasks["group/deploy/stage-1/robot-0"].ends_with == "group/deploy/stage-1/robot-1"
+
+
+def test_what_would_end_before_it_starts_is_refused() -> None:
+    within = {"kind": "deadline", "seconds": 900.0}
+    ends = {"kind": "ends_with", "task": "deploy/stage-2", "of": "deploy/stage-1"}
+    refusal = Scene().refusal("deploy/group", places=NEAR_FAR, constraints=[within, ends])
+    asked = "the call: group/deploy/stage-2 ends with group/deploy/stage-1"
+    assert refusal.conflicts == (f"{asked}, which ends before group/deploy/stage-2 starts",)
+    assert refusal.mend == (f"without: {asked}",)
+    (instead,) = refusal.calls.values()
+    assert [each.kind for each in instead.constraints] == ["deadline"]
+    assert isinstance(Scene().planner.call(instead, Scene().starts_m, 7), Plan)
+
+
+def test_a_task_starts_with_another_one() -> None:
+    """As the page says it: no time lies between the two."""
+    start = {"kind": "after", "task": "beyond/group", "edge": "start", "of": "beyond/leap/stage-2", "of_edge": "start"}
+    scene = Scene()
+    plan = scene.plan("wean", parameters=WEAN, constraints=[start | {"at_least_s": 0, "at_most_s": 0}])
+    starts_s = schedule(plan, scene)
+    assert starts_s["wean/beyond/group", "start"] == starts_s["wean/beyond/leap/stage-2", "start"]
+    assert starts_s["wean/beyond/group", "start"] > starts_s["wean/beyond/leap", "start"] + 5.0
+
+
+def test_a_task_that_its_play_ends_with_another_does_not_end_with_a_third(tmp_path: Path) -> None:
+    waits = [{"kind": "wait", "label": label, "seconds": 9} for label in "abc"]
+    waits[0] |= {"ends_with": "b"}
+    scene = scene_of(tmp_path, {"order": "parallel", "tasks": waits})
+    ends = {"kind": "ends_with", "task": "a"}
+    assert scene.plan("mine", constraints=[ends | {"of": "b"}]).tasks["mine/a"].ends_with == "mine/b"
+    with pytest.raises(UserError, match="mine/a ends with mine/b, and cannot end with mine/c too"):
+        scene.call("mine", constraints=[ends | {"of": "c"}])
+
+
 @pytest.mark.parametrize(
     ("more", "error"),
     [
         ({"via": {"deploy": [[1, 1]]}}, "via: group/deploy is no drive of one robot, expected the name of one"),
         ({"via": {"deplyo": [[1, 1]]}}, "there is no task 'group/deplyo' in group, did you mean group/deploy?"),
         ({"constraints": [{"kind": "within", "task": "x", "seconds": 1}]}, "there is no task 'group/x' in group"),
+        (
+            {"constraints": [{"kind": "ends_with", "task": "deploy", "of": "x"}]},
+            "there is no task 'group/x' in group",
+        ),
+        (
+            {"constraints": [{"kind": "ends_with", "task": "deploy/stage-1", "of": "deploy"}]},
+            "group/deploy/stage-1 cannot end with group/deploy: one is part of the other",
+        ),
+        (
+            {"constraints": [{"kind": "ends_with", "task": "", "of": "deploy"}]},
+            "group cannot end with group/deploy: one is part of the other",
+        ),
+        (
+            {
+                "constraints": [
+                    {"kind": "ends_with", "task": "deploy/stage-1/robot-0", "of": "deploy/stage-1/robot-1"},
+                    {"kind": "ends_with", "task": "deploy/stage-1/robot-0", "of": "deploy/stage-2"},
+                ]
+            },
+            "group/deploy/stage-1/robot-0 ends with group/deploy/stage-1/robot-1, and cannot end with",
+        ),
         ({"constraints": [{"kind": "within", "seconds": "x"}]}, "deploy/group: 'x' is not a number, and there is none"),
     ],
 )

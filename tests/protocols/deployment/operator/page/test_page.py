@@ -215,6 +215,12 @@ def test_constraints_of_all_kinds_are_added_and_removed(page: Any, consoles: Con
     page.fill("#constraint [name=at_least_s]", "10")
     page.fill("#constraint [name=at_most_s]", "20")
     page.press("#constraint [name=at_most_s]", "Enter")
+    page.select_option("#constraint-kind", label="starts with")
+    page.click("#constraint button")  # two tasks of which none is part of the other are chosen already
+    page.select_option("#constraint-kind", label="ends with")
+    page.select_option("#constraint [name=task]", "stage-1/robot-0")
+    page.select_option("#constraint [name=of]", "stage-1/robot-1")
+    page.click("#constraint button")
     page.select_option("#constraint-kind", "within")
     page.select_option("#constraint [name=task]", "stage-1")
     page.click("#constraint button")  # how long? it asks
@@ -236,18 +242,31 @@ def test_constraints_of_all_kinds_are_added_and_removed(page: Any, consoles: Con
             "at_least_s": 10,
             "at_most_s": 20,
         },
+        {
+            "kind": "after",
+            "task": "stage-1",
+            "edge": "start",
+            "of": "stage-2",
+            "of_edge": "start",
+            "at_least_s": 0,
+            "at_most_s": 0,
+        },
+        {"kind": "ends_with", "task": "stage-1/robot-0", "of": "stage-1/robot-1"},
         {"kind": "within", "task": "stage-1", "seconds": 30},
         {"kind": "deadline", "task": "", "seconds": 93},
     ]
-    until(page, "document.querySelectorAll('#constraints li').length === 4")
+    until(page, "document.querySelectorAll('#constraints li').length === 6")
     page.click("#execute-tailored")
     page.wait_for_selector("#tasks li")
     assert consoles.said("call")[-1]["call"]["constraints"] == wanted
     page.click("#tab-tailored")
-    assert "the whole play has ended at most 93 s after the play begins" in page.inner_text("#constraints")
+    told = page.locator("#constraints li span").all_inner_texts()
+    assert told[2] == "stage-1 starts when stage-2 starts"
+    assert told[3] == "stage-1/robot-0 is terminated when stage-1/robot-1 ends"
+    assert told[5] == "the whole play has ended at most 93 s after the play begins"
     page.locator("#constraints .remove").nth(1).click()
     page.click("#check")
-    until(page, "document.getElementById('draft-title').textContent.startsWith('Plan 8')")
+    until(page, "document.getElementById('draft-title').textContent.startsWith('Plan 10')")
     assert consoles.said("call")[-1]["call"]["constraints"] == [wanted[0], *wanted[2:]]
 
 

@@ -152,6 +152,32 @@ def test_a_constraint_that_was_added_is_kept(browser: Browser, serve: Any):
     assert told_s(session, "photo/photo", "running") >= gone_s + 20
 
 
+def test_whoever_of_two_arrives_first_ends_the_others_drive(browser: Browser, serve: Any):
+    served, session = serve()
+    with tab(browser, served) as page:
+        choose_posts(page, "deploy/group")
+        page.click("#tailor")
+        page.wait_for_selector("#draft li")
+        page.select_option("#constraint-kind", label="ends with")
+        chosen = [page.input_value(f"#constraint [name={field}]") for field in ("task", "of")]
+        assert chosen == ["deploy/stage-1", "deploy/stage-2"], "not deploy, of which all others are parts"
+        page.click("#constraint button")
+        page.wait_for_selector("#refusal", state="hidden")
+        page.locator("#constraints .remove").click()
+        drives = [f"deploy/stage-1/robot-{robot}" for robot in (0, 1)]
+        for task, of in (drives, drives[::-1]):
+            page.select_option("#constraint [name=task]", task)
+            page.select_option("#constraint [name=of]", of)
+            page.click("#constraint button")
+        page.click("#execute-tailored")
+        until(page, "document.getElementById('played-state').textContent.startsWith('done')")
+        signs = [page.locator(f"#tasks li[data-id='group/{drive}'] .sign").get_attribute("title") for drive in drives]
+        assert sorted(map(str, signs)) == ["done", "given up"]
+    first, last = sorted(drives, key=lambda drive: signs[drives.index(drive)])
+    assert told_s(session, f"group/{last}", "terminated") == told_s(session, f"group/{first}", "done")
+    assert held(session, POSTS), "who was stopped on its way goes on to its place"
+
+
 def test_while_time_stands_still_plans_are_made(browser: Browser, serve: Any):
     served, session = serve(playing=False)
     with tab(browser, served) as page:
