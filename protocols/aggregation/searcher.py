@@ -12,8 +12,8 @@ where the radio connects, and goes on with what is left of its tour once it has 
 A searcher that has nothing left waits there. So it does before the appointed time, too: it "moves to the rally point as
 soon as it finishes its searching area" (III.A), and what has to wait is "to inform the detection" (VII.B). Where it has
 been it tells at once, since "dynamic task allocation is required for each host" (VI.A): it may be given another area.
-At the appointed time those who are out of contact go to the rally point, whatever they have found; from then on all is as
-with ``area``.
+At the appointed time those who are out of contact go to the rally point, whatever they have found; from then on all is
+as with ``area``.
 """
 
 import math

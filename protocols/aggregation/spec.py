@@ -125,25 +125,19 @@ def _integration_s(parameters: Parameters, setup: Setup) -> float:
 
         (d(start, p_1) + d(p_1, p_2) + ... + d(p_(n-1), p_n) + d(p_n, rally)) / speed,
 
-    p_1 ... p_n being the posts that its host gives it before the start, in this order, without those that cannot be
-    reached, d the length of the shortest way, rally its host's rally point, speed its own. Bodies that turn, brake
-    and give way take longer.
+    p_1 ... p_n being the posts that its host gives it before the start, in this order, d the length of the shortest way
+    (0 where there is none), rally its host's rally point, speed its own. Bodies that turn, brake and give way take
+    longer.
     """
     rallies_m = {host: Strategy(parameters, setup, host).rally_m for host in range(setup.hosts)}
     longest_s = 0.0
     for host, rally_m in rallies_m.items():
         work = Work(setup, host, rallies_m.__getitem__, at_random=False)
         for searcher, posts in work.first(setup.searchers_of(host)).items():
-            places = [*(setup.ground.posts_m[post] for post in posts), rally_m]
-            way_m = _way_m(setup.ground, setup.starts_m[searcher], places)
+            places = [setup.starts_m[searcher], *(setup.ground.posts_m[post] for post in posts), rally_m]
+            way_m = math.fsum(setup.ground.length_m(a, b) or 0.0 for a, b in pairwise(places))
             longest_s = max(longest_s, way_m / setup.speeds_mps[searcher])
     return parameters.muster_s + longest_s
-
-
-def _way_m(floor: Ground, start_m: Point, places_m: Sequence[Point]) -> float:
-    """Return the length of the ways from place to place, metres, without those that cannot be reached."""
-    reached = [start_m, *(place for place in places_m if floor.length_m(start_m, place) is not None)]
-    return math.fsum(floor.length_m(a, b) or 0.0 for a, b in pairwise(reached))
 
 
 def _check_team(parameters: Parameters, size: int) -> None:

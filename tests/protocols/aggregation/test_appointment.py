@@ -95,6 +95,22 @@ def test_it_goes_to_the_rally_point_once_and_then_on_with_its_tour(targets: tupl
     assert errands(searcher)[-1] == ("search", "told")
 
 
+def test_who_is_in_contact_at_the_time_stays_until_its_finds_are_received() -> None:
+    searcher = searching()
+    searcher.passes(29.5)
+    for report in reports(beat(searcher, 40)):
+        searcher.hears(0, Receipt(report.number))
+    searcher.passes(0.5)
+    assert errands(searcher)[-1] == ("meet", "due")
+    beat(searcher, 41)  # the receipt for that is lost
+    searcher.passes(0.5)
+    assert errands(searcher)[-1] == ("meet", "due")
+    (again,) = reports(beat(searcher, 42))
+    searcher.hears(0, Receipt(again.number))
+    searcher.passes(0.1)
+    assert errands(searcher)[-1] == ("search", "told")
+
+
 def test_who_is_done_before_the_time_waits_where_the_radio_connects_and_may_be_given_another_area() -> None:
     searcher = searching()
     searcher.passes(4.0)
@@ -178,8 +194,8 @@ def told(team: Team) -> float:
         assign, plans = team.said(Assign, host, searcher)[0].message, team.said(Plans, host)[0].message
         assert isinstance(assign, Assign)
         assert isinstance(plans, Plans)
-        places = [STARTS_M[searcher], *(team.setup.ground.posts_m[post] for post in assign.posts)]
-        places.append(plans.plans[0].way_m[-1])
+        posts_m = [team.setup.ground.posts_m[post] for post in assign.posts]
+        places = [STARTS_M[searcher], *posts_m, plans.plans[0].way_m[-1]]
         takes_s.append(sum(math.dist(a, b) for a, b in pairwise(places)) / team.setup.speeds_mps[searcher])
     return team.parameters.muster_s + max(takes_s)
 
