@@ -159,8 +159,7 @@ class Searcher(Drains):
         self._appointed: Time | None = None
         """SRP's static integration time, until the searcher has met its host then; None if there is none."""
         if setup.integration_s is not None:
-            # who is rebooted knows the instant; the search has begun at 0 then, see ``spec.make``
-            self._appointed = from_seconds(setup.integration_s) + (0 if rebooted else start)
+            self._appointed = from_seconds(setup.integration_s)  # by the team's clock, also for who is rebooted later
             self._reports.withholds = True
         self._assignment = 0
         self._heard = start

@@ -74,7 +74,7 @@ def test_a_team_of_machines_that_have_booted_keeps_the_laws(strategy: str) -> No
 @pytest.mark.slow
 @pytest.mark.usefixtures("nobody_has_booted")
 def test_a_team_whose_finds_wait_for_an_instant_keeps_the_laws() -> None:
-    check_machine(maker("srp", report="appointed", integrate_s=2.0), STARTS_M, 4 * S)
+    check_machine(maker("srp", report="appointed", integrate_s=1.0), STARTS_M, 2 * S)
 
 
 @pytest.mark.slow
