@@ -1,7 +1,7 @@
 """What a robot knows of the task: posts visited, targets found, and what of that a searcher still has to report.
 
 A report holds all that the searcher knows, so a lost one needs no repetition of its own: the next one, at the next
-heartbeat that is heard, holds the same and more.
+heartbeat that is heard, holds the same and more. Only targets may be kept back for a time.
 """
 
 import math
@@ -85,11 +85,13 @@ class Reports:
         self._sent: dict[int, tuple[int, int]] = {}
         """Reports without a receipt: number -> (version, number of targets)."""
         self._number = 0
+        self.withholds = False
+        """True while targets are kept back: reports then hold only where the searcher has been."""
 
     @property
     def pending(self) -> bool:
-        """True if the host lacks something, or has not confirmed anything yet."""
-        return self._confirmed != self._findings.changes
+        """True if the host lacks something that is not kept back, or has not confirmed anything yet."""
+        return self._confirmed != self._findings.changes or (self.finds and not self.withholds)
 
     @property
     def finds(self) -> bool:
@@ -103,11 +105,12 @@ class Reports:
         self._sent.clear()
 
     def make(self, epoch: int) -> Report:
-        """Return a report of all findings."""
+        """Return a report of all findings that are not kept back."""
         self._number = (self._number + 1) % COUNTS
         known = self._findings
-        self._sent[self._number] = known.changes, len(known.targets)
-        return Report(self._number, epoch, known.all_targets(), bitmap(known.visited, self._posts))
+        targets = () if self.withholds else known.all_targets()
+        self._sent[self._number] = known.changes, len(targets)
+        return Report(self._number, epoch, targets, bitmap(known.visited, self._posts))
 
     def received(self, number: int) -> None:
         """Process the host's receipt."""
@@ -115,4 +118,5 @@ class Reports:
         if state is not None:
             self._confirmed = max(self._confirmed, state[0])
             self._confirmed_targets = max(self._confirmed_targets, state[1])
-            self._sent = {each: other for each, other in self._sent.items() if other[0] > state[0]}
+            # of two reports of one version the later has more if finds were kept back before
+            self._sent = {each: other for each, other in self._sent.items() if other > state}

@@ -88,10 +88,17 @@ class Parameters(Settings):
         default="far", description="MRP: a host's way leads to the far end of its region, or to the floor's exit"
     )
     sync_s: Seconds = Field(default=150.0, gt=0, description="s, MRP: longest wait for the sub-team at such a point")
-    report: Literal["first", "area"] = Field(
+    report: Literal["first", "area", "appointed"] = Field(
         default="first",
         description='SRP: go to the rally point with the "first" find or a finished area, whichever comes first '
-        '(section III.A), or only when the "area" is done (as section VII.B reads)',
+        '(section III.A), or only when the "area" is done, or keep finds back until the "appointed" time, integrate_s '
+        "(section VII.B, read in two ways)",
+    )
+    integrate_s: Seconds | None = Field(
+        default=None,
+        gt=0,
+        description="s from the start, SRP's static integration time, for the appointed report; if not given, muster_s "
+        "and the longest that any searcher takes for its first tour and from there to the rally point",
     )
     timeout_s_per_m2: Rate = Field(
         default=0.04,

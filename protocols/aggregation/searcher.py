@@ -5,8 +5,15 @@ after each of the host's heartbeats, it answers the heartbeats: with what the ho
 has itself, so that the host sends what it lacks. One that lacks nothing sends a Hello only now and then.
 
 Paper 002 contradicts itself on SRP: by section III.A a searcher goes to the rally point with its first find, by VII.B
-finds wait for "the static integration time"; ``report`` chooses. Either way it stops where the radio connects, and goes
-on with what is left of its tour once it has a receipt; a searcher that has nothing left waits there.
+"the robots have to wait until the static integration time to inform the detection"; ``report`` chooses. That time is
+when the area is done (``area``), or an instant that all know beforehand (``appointed``). In any case the searcher stops
+where the radio connects, and goes on with what is left of its tour once it has a receipt.
+
+A searcher that has nothing left waits there. So it does before the appointed time, too: it "moves to the rally point as
+soon as it finishes its searching area" (III.A), and what has to wait is "to inform the detection" (VII.B). Where it has
+been it tells at once, since "dynamic task allocation is required for each host" (VI.A): it may be given another area.
+At the appointed time those who are out of contact go to the rally point, whatever they have found; from then on all is
+as with ``area``.
 """
 
 import math
@@ -149,6 +156,11 @@ class Searcher(Drains):
         """True if a target that was found is reported at once."""
         self._timeout = from_seconds(parameters.timeout_s_per_m2 * setup.area_m2 / max(len(setup.targets_m), 1))
         self._reconvene = from_seconds(parameters.reconvene_s)
+        self._appointed: Time | None = None
+        """SRP's static integration time, until the searcher has met its host then; None if there is none."""
+        if setup.integration_s is not None:
+            self._appointed = from_seconds(setup.integration_s)  # by the team's clock, also for who is rebooted later
+            self._reports.withholds = True
         self._assignment = 0
         self._heard = start
         """Instant of the own host's last heartbeat; at the start all are in contact."""
@@ -225,6 +237,7 @@ class Searcher(Drains):
             if seen:
                 self.findings.visit((self._motion.reached,))
             self._motion.next(seen)
+        self._integrate(now)
         if not self._over:
             self._decide(observation, now)
         command = self._walk(observation, now)
@@ -291,8 +304,17 @@ class Searcher(Drains):
     def _in_contact(self, now: Time) -> bool:
         return self.membership.host is not None and now - self._heard <= self._fresh
 
+    def _integrate(self, now: Time) -> None:
+        """Keep no finds back from the appointed time on; that is over once the host has everything."""
+        if self._appointed is not None and now >= self._appointed:
+            self._reports.withholds = False
+            if self._in_contact(now) and not self._reports.pending:
+                self._appointed = None
+
     def _due(self, now: Time) -> bool:
         """Return whether it is time to meet the host, with or without findings."""
+        if self._appointed is not None:
+            return now >= self._appointed
         if self._times_out:
             return now - self._heard > self._timeout
         if self._reconvenes:

@@ -34,6 +34,8 @@ class Setup:
     """Area of the floor's bounds."""
     exit_m: Point | None
     """Exit of the floor, if it names one."""
+    integration_s: float | None = None
+    """SRP's static integration time, s from the start; None if finds are not kept back for one."""
 
     def host_of(self, searcher: Address) -> Address:
         """Return the host in whose sub-team *searcher* begins."""

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,6 +22,8 @@ from protocols.aggregation.metrics import METRICS, SearchReferee, measure
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.searcher import Searcher
 from protocols.aggregation.setup import Setup
+from protocols.aggregation.strategies import Strategy
+from protocols.aggregation.subteam import Work
 from protocols.aggregation.touring import Motion, RandomWalk
 from protocols.aggregation.tours import regions
 from protocols.aggregation.walking import Pedestrian, Walker
@@ -86,14 +90,17 @@ def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
 
 
 def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
-    """Draw the targets, and divide the floor; raise UserError for a team or a floor that cannot be searched."""
+    """Draw the targets, divide the floor, and fix SRP's integration time if finds are kept back for one.
+
+    Raise UserError for a team or a floor that cannot be searched.
+    """
     size = len(surroundings.starts_m)
     _check_team(parameters, size)
     _check_radios(parameters, surroundings.radios)
     floor = _ground(parameters, surroundings)
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     starts = surroundings.starts_m
-    return Setup(
+    setup = Setup(
         size=size,
         hosts=parameters.hosts,
         tick=surroundings.tick,
@@ -106,6 +113,31 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
         area_m2=(x_max - x_min) * (y_max - y_min),
         exit_m=surroundings.places_m.get("exit", (None,))[0],
     )
+    if parameters.strategy != "srp" or parameters.report != "appointed":
+        return setup
+    return replace(setup, integration_s=parameters.integrate_s or _integration_s(parameters, setup))
+
+
+def _integration_s(parameters: Parameters, setup: Setup) -> float:
+    """Return when the last searcher can be back from its first tour, s from the start.
+
+    This is ``muster_s``, after which searchers set out, and the most over all searchers of
+
+        (d(start, p_1) + d(p_1, p_2) + ... + d(p_(n-1), p_n) + d(p_n, rally)) / speed,
+
+    p_1 ... p_n being the posts that its host gives it before the start, in this order, d the length of the shortest way
+    (0 where there is none), rally its host's rally point, speed its own. Bodies that turn, brake and give way take
+    longer.
+    """
+    rallies_m = {host: Strategy(parameters, setup, host).rally_m for host in range(setup.hosts)}
+    longest_s = 0.0
+    for host, rally_m in rallies_m.items():
+        work = Work(setup, host, rallies_m.__getitem__, at_random=False)
+        for searcher, posts in work.first(setup.searchers_of(host)).items():
+            places = [setup.starts_m[searcher], *(setup.ground.posts_m[post] for post in posts), rally_m]
+            way_m = math.fsum(setup.ground.length_m(a, b) or 0.0 for a, b in pairwise(places))
+            longest_s = max(longest_s, way_m / setup.speeds_mps[searcher])
+    return parameters.muster_s + longest_s
 
 
 def _check_team(parameters: Parameters, size: int) -> None:

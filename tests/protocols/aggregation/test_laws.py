@@ -72,6 +72,12 @@ def test_a_team_of_machines_that_have_booted_keeps_the_laws(strategy: str) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("nobody_has_booted")
+def test_a_team_whose_finds_wait_for_an_instant_keeps_the_laws() -> None:
+    check_machine(maker("srp", report="appointed", integrate_s=1.0), STARTS_M, 2 * S)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("detector", ["nfd_s", "nfd_e", "phi_akka", "phi_normal"])
 @pytest.mark.usefixtures("nobody_has_booted")
 def test_teams_keep_the_laws_with_every_detector(detector: str) -> None:
