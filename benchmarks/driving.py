@@ -1,9 +1,9 @@
 """How robots drive by the two kinds of DWA's soft constraints: ``python -m benchmarks.driving``.
 
-Robots drive to goals on the drawn floors with a corridor, from one room to another, and in offices drawn at random whose
-corridors are 1.2 to 2.4 m wide. They have real bodies and no radio: the scenes are those of the movers' tests. A seed
-gives the same starts and goals to all kinds. Who has not arrived after five minutes has failed. ``--write`` keeps the
-table in the handbook.
+Robots drive to goals on the drawn floors with a corridor, from one room to another, and in offices drawn at random
+whose corridors are 1.2 to 2.4 m wide. They have real bodies and no radio: the scenes are those of the movers' tests. A
+seed gives the same starts and goals to all kinds. Who has not arrived after five minutes has failed. ``--write`` keeps
+the table in the handbook.
 """
 
 import argparse

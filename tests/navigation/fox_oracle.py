@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-STEP_M = 0.004
+STEPS = 250
+"""Number of steps in which an arc is walked."""
 
 
 class Robot(NamedTuple):
@@ -82,7 +83,7 @@ def dist(robot, pose, v, w, things, radius_m):
     """Return the way along the arc, in small steps, until something is within the radius."""
     if v == 0.0:
         return robot.arc_m
-    ways = np.arange(0.0, robot.arc_m, STEP_M)
+    ways = np.linspace(0.0, robot.arc_m, STEPS, endpoint=False)
     x, y, heading = pose
     turned = heading + w / v * ways
     if abs(w / v) < 1e-9:
@@ -116,15 +117,15 @@ def _judged(robot, pose, gone, v, w, things, aim, kept, touch):
     places, heading = stop(robot, pose, v, w)
     end = places[-1]
     theta = abs(math.remainder(math.atan2(aim[1] - end[1], aim[0] - end[0]) - heading, math.tau))
-    free = dist(robot, pose, v, w, things, touch)
+    free, step = dist(robot, pose, v, w, things, touch), robot.arc_m / STEPS
     terms = 1.0 - theta / math.pi, free / robot.arc_m, v / robot.speed_mps
     worth = robot.alpha * terms[0] + robot.beta * terms[1] + robot.gamma * terms[2]
     line = shapely.LineString(places) if len(set(places)) > 1 else shapely.Point(end)
     room = shapely.distance(line, things) - kept
     astray = _astray(robot, gone, places)
     # contact lies within the step before the place that touches
-    surely = room > 1e-7 and astray < -1e-7 and (free == robot.arc_m or _brakes(robot, v, w, free - STEP_M))
-    perhaps = room > -1e-7 and astray < 1e-7 and (free > robot.arc_m - STEP_M or _brakes(robot, v, w, free))
+    surely = room > 1e-7 and astray < -1e-7 and (free == robot.arc_m or _brakes(robot, v, w, free - step))
+    perhaps = room > -1e-7 and astray < 1e-7 and (free > robot.arc_m - 1.5 * step or _brakes(robot, v, w, free))
     return worth, surely, perhaps
 
 
@@ -143,4 +144,4 @@ def _astray(robot, gone, places):
         ahead = sum(np.arange(way + change, 0.0, -change))
         (ax, ay), (bx, by) = gone
         stretch = shapely.LineString([start, (start[0] + (bx - ax) / way * ahead, start[1] + (by - ay) / way * ahead)])
-    return max(shapely.distance(shapely.Point(place), stretch) for place in places) - allowed
+    return shapely.distance(shapely.points(places), stretch).max() - allowed

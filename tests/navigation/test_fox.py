@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cosim.geometry.segments import swept_clearance
 from cosim.navigation.dwa import BODY_COLUMNS, OWN, choose
-from tests.navigation.fox_oracle import STEP_M, Robot, judge
+from tests.navigation.fox_oracle import STEPS, Robot, judge
 from tests.navigation.test_dwa import AIMS, ROOM, Drivers, bodies, differential, places, row
 
 NO_WALLS, NO_POINTS, NOBODY = np.empty((0, 4)), np.empty((0, 2)), np.empty((0, BODY_COLUMNS))
@@ -81,7 +81,7 @@ def test_the_choice_is_the_best_of_a_window_that_is_enumerated(part):
         mine = int(apart.argmin())
         assert window.perhaps[mine]
         best = window.worth[window.surely].max(initial=-math.inf)
-        assert window.worth[mine] >= best - robot.beta * 2 * STEP_M / robot.arc_m - 1e-9
+        assert window.worth[mine] >= best - 2.0 * robot.beta / STEPS - 1e-9
         chosen += 1
         alike += window.worth[mine] >= best
     assert chosen > 20
