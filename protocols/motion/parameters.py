@@ -26,7 +26,7 @@ class DrivingParameters(Settings):
     kind: Literal["progress", "fox"] = Field(
         default="progress",
         description="soft constraints of DWA: facing the aim, being clear all around, and progress to the aim; or the "
-        "terms of Fox, Burgard and Thrun 1997: facing it when the robot will have braked, the way along the arc, speed",
+        "terms of Fox, Burgard and Thrun 1997: facing it from where it will have braked, the way along the arc, speed",
     )
     heading_weight: Gain = Field(default=2.0, ge=0, description="of facing the aim")
     clearance_weight: Gain = Field(default=0.2, ge=0, description="of being clear of obstacles; fox: ahead")
