@@ -24,13 +24,19 @@ stands still.
 *Round corners* a robot is seen too late: where another robot may be behind the end of a wall, ahead, half of the
 gap to it is the robot's (:func:`unseen_gap`).
 
-*What differs from the article.* Its weights, 2.0, 0.2 and 0.2, mean the same only roughly: the three terms are others.
-Facing the aim: the article turns the heading that the robot will have when it has braked against the direction from
-where it will be then; here the heading is that one, but the direction is from where the command begins to act. Being
-clear: the article's is the way along the arc until it touches something; here it is how near the stopping path comes
-to anything, up to ``clear``. Getting on: the article's is the speed; here it is the part of it that leads to the aim.
-The sum is not smoothed over neighbouring commands. The hard constraint stands for the article's v <= sqrt(2 dist a);
-borders and corners are not in it: it knows no other robots.
+*What differs from the article*, whose objective is sigma(alpha heading + beta dist + gamma velocity). Facing the aim:
+the article turns the heading that the robot will have when it has braked against the direction of the aim from where it
+will be then; here the heading is that one, but the direction is from where the command begins to act. Being clear: its
+dist is the way along the arc of the command until the robot touches something; here it is how near the stopping path
+comes to anything, up to ``clear``, so what is beside the robot counts like what is ahead. Getting on: its velocity is
+the speed; here it is the part of it that leads to the aim. Nothing is smoothed over neighbouring commands (its sigma).
+The hard constraint stands for its rule, v <= sqrt(2 dist a) and likewise for the rate of turn. The borders, the corners
+and the turn that lands on the aim are ours. So a weight does not mean the same here and there.
+
+*The article's own three terms* are chosen by a way ``ARC`` > 0. They are as just told, dist up to ``ARC``; its rule
+holds beside the hard constraint, and other bodies are obstacles where they are now. Half a turn, the greatest way and
+``ARC`` make each term one from 0 to 1; sigma is left out. A robot that stops on its aim faces it, and one that turns on
+the spot meets nothing.
 """
 
 import math
@@ -40,6 +46,7 @@ import numpy as np
 
 import cosim.elementary as elementary
 from cosim.arrays import Floats
+from cosim.geometry.arcs import way_to_contact
 from cosim.geometry.segments import SegmentGrid, cells_near, closest_approach
 from cosim.jit import njit
 
@@ -55,7 +62,8 @@ CLEAR: Final = 7
 FACING: Final = 8  # the weights of the soft constraints
 KEEPING_CLEAR: Final = 9
 GETTING_ON: Final = 10
-OWN: Final = 11
+ARC: Final = 11  # 0, or for the article's own terms the way along an arc beyond which obstacles do not matter
+OWN: Final = 12
 
 # the row that says where it is at this tick, how it moves until the next, and which way it has gone in the last tick
 X: Final = 0
@@ -274,7 +282,7 @@ def choose(
 ) -> tuple[float, float, bool]:
     """Return the way and the turn of the tick after the next, to be commanded now, and whether they were chosen.
 
-    *own* (11,) and *state* (7,) are rows as above; *walls* (n, 4) and *points* (m, 2) are what is not to be touched,
+    *own* (12,) and *state* (7,) are rows as above; *walls* (n, 4) and *points* (m, 2) are what is not to be touched,
     as near as it can matter, see :func:`walls_near`; *bodies* (k, 6) the other robots. The robot faces its aim, and
     goes at most *most* metres a tick. If no command is admissible it brakes, 0 and 0. In metres, radians and ticks.
     """
@@ -289,7 +297,10 @@ def choose(
     path = np.empty((int(own[MOST_WAY] / own[WAY_CHANGE]) + 4, 2))
     path[0, 0], path[0, 1] = x, y
     enough = own[RADIUS] + max(own[CLEAR], own[MARGIN])
-    need = min(own[RADIUS] + own[MARGIN], _clearance(path, 1, walls, points, enough)) - _ROUNDING
+    near = _clearance(path, 1, walls, points, enough)
+    need = min(own[RADIUS] + own[MARGIN], near) - _ROUNDING
+    contact = min(own[RADIUS], near) - _ROUNDING
+    discs = _discs(own, x, y, contact, points, bodies)
     low = max(state[WAY] - own[WAY_CHANGE], 0.0)
     high = max(min(state[WAY] + own[WAY_CHANGE], own[MOST_WAY], most), low)
     left = max(state[TURN] - own[TURN_CHANGE], -own[MOST_TURN])
@@ -304,14 +315,22 @@ def choose(
             if i > 0 and high == low:
                 break
             count, facing = _stop(x, y, heading, way, turn, own, path)
-            worth = _worth(own, path, x, y, heading, way, turn, facing, aim_x, aim_y)
+            worth = _worth(own, path, count, heading, way, turn, facing, aim_x, aim_y)
             if worth + own[KEEPING_CLEAR] <= best or _beyond(path, count, lines):
                 continue
             if _strays(path, count, ahead_x, ahead_y, astray):
                 continue
             room = _clearance(path, count, walls, points, enough)
-            worth += own[KEEPING_CLEAR] * (room - own[RADIUS]) / max(enough - own[RADIUS], _ROUNDING)
-            if room >= need and worth > best:
+            if room < need:
+                continue
+            if own[ARC] > 0.0:
+                free = _free_way(own, x, y, heading, way, turn, contact, walls, discs)
+                if not _can_brake(own, way, turn, free):
+                    continue
+                worth += own[KEEPING_CLEAR] * free / own[ARC]
+            else:
+                worth += own[KEEPING_CLEAR] * (room - own[RADIUS]) / max(enough - own[RADIUS], _ROUNDING)
+            if worth > best:
                 best, best_way, best_turn, chosen = worth, way, turn, True
     return best_way, best_turn, chosen
 
@@ -329,8 +348,7 @@ def _landing_turn(own: Floats, state: Floats, x: float, y: float, heading: float
 def _worth(
     own: Floats,
     path: Floats,
-    x: float,
-    y: float,
+    count: int,
     heading: float,
     way: float,
     turn: float,
@@ -339,11 +357,58 @@ def _worth(
     aim_y: float,
 ) -> float:
     """Return the worth of a command, but for what its being clear is worth: of facing the aim, and of getting on."""
-    bearing = elementary.atan2(aim_y - y, aim_x - x)
+    fox = own[ARC] > 0.0
+    dx, dy = aim_x - path[count - 1 if fox else 0, 0], aim_y - path[count - 1 if fox else 0, 1]
+    bearing = elementary.atan2(dy, dx)
     error = abs(_wrapped(bearing - facing))
-    gain = way / own[MOST_WAY] * elementary.cos(bearing - heading - 0.5 * turn)
+    if fox and dx * dx + dy * dy < _SAME_M * _SAME_M:
+        error = 0.0
+    gain = way / own[MOST_WAY] * (1.0 if fox else elementary.cos(bearing - heading - 0.5 * turn))
     worth: float = own[FACING] * (1.0 - error / math.pi) + own[GETTING_ON] * gain
     return worth
+
+
+# ---------------------------------------------------------------- the way along the arc
+
+
+@njit(cache=True)
+def _discs(own: Floats, x: float, y: float, contact: float, points: Floats, bodies: Floats) -> Any:
+    """Return what an arc may meet beside walls, shape (n, 3), for :func:`way_to_contact`; nothing if none is asked."""
+    if not own[ARC] > 0.0:
+        return np.empty((0, 3))
+    discs, count = np.empty((points.shape[0] + bodies.shape[0], 3)), points.shape[0]
+    discs[:count, :2], discs[:count, 2] = points, contact
+    for i in range(bodies.shape[0]):
+        apart = elementary.hypot(bodies[i, BODY_X] - x, bodies[i, BODY_Y] - y) - _ROUNDING
+        discs[count + i, 0], discs[count + i, 1] = bodies[i, BODY_X], bodies[i, BODY_Y]
+        discs[count + i, 2] = min(own[RADIUS] + bodies[i, BODY_RADIUS], apart)
+    return discs
+
+
+@njit(cache=True)
+def _free_way(
+    own: Floats,
+    x: float,
+    y: float,
+    heading: float,
+    way: float,
+    turn: float,
+    contact: float,
+    walls: Floats,
+    discs: Floats,
+) -> float:
+    """Return the article's dist: the way along the arc of a command until the robot touches something, at most ARC."""
+    free: float = own[ARC]
+    if way > 0.0:
+        free = way_to_contact(x, y, heading, turn / way, contact, walls, discs, free)
+    return free
+
+
+@njit(cache=True)
+def _can_brake(own: Floats, way: float, turn: float, free: float) -> bool:
+    """Return whether a command is admissible by the article: v <= sqrt(2 dist a), and likewise the rate of turn."""
+    straight, turning = way * way <= 2.0 * free * own[WAY_CHANGE], turn * turn <= 2.0 * free * own[TURN_CHANGE]
+    return bool(free >= own[ARC] or (straight and turning))
 
 
 # ---------------------------------------------------------------- what is near

@@ -201,7 +201,7 @@ class Driver:
     def _reach_m(self) -> float:
         """Distance within which walls and points can matter."""
         own = self._limits
-        return float(own[0] + max(own[5], own[7]) + self._stop_m)
+        return float(own[0] + max(own[5], own[7], own[11]) + self._stop_m)
 
     def _walls(self) -> Floats:
         found: Floats = walls_near(self._floor.walls, *self.here, self._reach_m + 2.0 * self._limits[0])
@@ -230,5 +230,6 @@ def _limits(
         own.heading_weight,
         own.clearance_weight,
         own.speed_weight,
+        own.arc_m if own.kind == "fox" else 0.0,
     )
     return row

@@ -1,5 +1,7 @@
 """Parameters of driving: the costs of a floor's cells, the weights of DWA, and how long a held robot waits."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from cosim.settings import Gain, Length, Metres, Rate, Seconds, Settings
@@ -21,10 +23,18 @@ class DrivingParameters(Settings):
     turn_radps: Rate = Field(default=2.0, gt=0, description="rad/s, greatest angular speed of the bodies")
     turn_acceleration_radps2: Rate = Field(default=4.0, gt=0, description="rad/s2, greatest change of it")
     look_ahead_m: Metres = Field(default=1.0, gt=0, description="m along the way at which a robot aims")
-    heading_weight: Gain = Field(default=2.0, ge=0, description="of facing the aim (Fox et al. 1997: 2.0)")
-    clearance_weight: Gain = Field(default=0.2, ge=0, description="of being clear of obstacles (Fox et al.: 0.2)")
-    speed_weight: Gain = Field(default=0.2, ge=0, description="of progress to the aim (Fox et al.: 0.2)")
+    kind: Literal["progress", "fox"] = Field(
+        default="progress",
+        description="soft constraints of DWA: facing the aim, being clear all around, and progress to the aim; or the "
+        "terms of Fox, Burgard and Thrun 1997: facing it from where it will have braked, the way along the arc, speed",
+    )
+    heading_weight: Gain = Field(default=2.0, ge=0, description="of facing the aim")
+    clearance_weight: Gain = Field(default=0.2, ge=0, description="of being clear of obstacles; fox: ahead")
+    speed_weight: Gain = Field(default=0.2, ge=0, description="of progress to the aim; fox: of speed")
     clear_m: Metres = Field(default=0.3, gt=0, description="m, obstacles farther from the body do not matter")
+    arc_m: Metres = Field(
+        default=1.0, gt=0, description="m, fox: way along an arc beyond which obstacles do not matter"
+    )
     stray_m: Metres = Field(
         default=0.03, gt=0, description="m, by which a robot that stops may stray from its direction"
     )

@@ -41,8 +41,8 @@ ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 6), (6, 6, 0, 6), (0, 6, 0, 0), (2, 2, 
 MARGIN = 0.02
 
 
-def row(body, stray=0.04):
-    """Return what DWA is told of a body."""
+def row(body, stray=0.04, arc=0.0):
+    """Return what DWA is told of a body; *arc*: the metres up to which the article's own terms look, or 0."""
     own = np.empty(OWN)
     own[:] = (
         body.radius_m,
@@ -56,6 +56,7 @@ def row(body, stray=0.04):
         2.0,
         0.2,
         0.2,
+        arc,
     )
     return own
 
@@ -63,11 +64,11 @@ def row(body, stray=0.04):
 class Drivers:
     """Bodies that all obey DWA, and aim where they are told; each knows the others as its camera shows them."""
 
-    def __init__(self, bodies, starts, walls=ROOM, headings=0.0, stray=0.04):
+    def __init__(self, bodies, starts, walls=ROOM, headings=0.0, stray=0.04, arc=0.0):
         self.bodies = bodies
         self.grid = segment_grid(walls)
         self.fleet = Fleet(bodies, starts, self.grid, TICK, headings_rad=headings)
-        self.own = [row(body, stray) for body in bodies]
+        self.own = [row(body, stray, arc) for body in bodies]
         self.wanted = np.zeros((len(bodies), 2))
         self.state = np.zeros((len(bodies), STATE))
         self.state[:, :2], self.state[:, 2] = starts, headings

@@ -155,7 +155,7 @@ class Scene:
         return all(mover.state in ("idle", "arrived") for me, mover in enumerate(self.movers) if me not in self.dead)
 
 
-def random_office(seed: int, robots: int, sizes: bool = False) -> Scene:
+def random_office(seed: int, robots: int, sizes: bool = False, parameters: DrivingParameters | None = None) -> Scene:
     """Return an office with robots in it, at random places, each with a goal that is a way off all others'."""
     draw = np.random.default_rng(seed)
     settings = OfficeSettings(
@@ -167,7 +167,7 @@ def random_office(seed: int, robots: int, sizes: bool = False) -> Scene:
         seed=seed,
     )
     walls = office_walls(settings)
-    floor = Floor(walls, (0.0, 0.0, settings.width_m, settings.depth_m), None, DrivingParameters())
+    floor = Floor(walls, (0.0, 0.0, settings.width_m, settings.depth_m), None, parameters or DrivingParameters())
     bodies = [
         body(
             radius_m=float(draw.uniform(0.15, 0.28)),

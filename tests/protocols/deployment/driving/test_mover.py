@@ -48,6 +48,17 @@ def test_a_robot_alone_loses_little_time():
     assert length / 0.5 - 1.0 <= took < 1.15 * length / 0.5 + 3.0
 
 
+def test_by_the_terms_of_fox_it_arrives_as_soon_by_another_way():
+    took, ends = [], []
+    for kind in ("progress", "fox"):
+        walls = [*box(8, 5), *line((4, 0), (4, 2)), *line((4, 3), (4, 5))]
+        scene = Scene(walls, [(1.0, 1.0)], parameters=DrivingParameters(kind=kind))
+        took.append(arrive(scene, [(7.0, 4.0)], 60))
+        ends.append(scene.place(0))
+    assert took[1] == pytest.approx(took[0], rel=0.1)
+    assert ends[0] != ends[1]
+
+
 def test_it_turns_on_the_spot_when_it_starts():
     scene = Scene(box(10, 1), [(5.0, 0.5)], headings=math.pi)
     scene.movers[0].go((8.0, 0.5))
