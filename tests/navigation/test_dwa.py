@@ -231,7 +231,13 @@ def test_among_others_soak(law):
     LONG(CASES[law][1](law))()
 
 
-segments = st.tuples(*[st.floats(-2, 2)] * 4)
+def is_a_way(segment: tuple[float, ...]) -> bool:
+    """Return whether a robot stands or goes at least a micrometre: less is lost in rounding, and may miss by 1e-7 m."""
+    length = math.dist(segment[:2], segment[2:])
+    return length == 0.0 or length >= 1e-6
+
+
+segments = st.tuples(*[st.floats(-2, 2)] * 4).filter(is_a_way)
 
 
 @given(segments, segments)
