@@ -347,7 +347,8 @@ def _placed(belief: Belief, walls: Bools, values: Floats, ends: Floats) -> tuple
             landmarks[k] = alpha, b + n_x * (x - from_x) + n_y * (y - from_y)
             anchors[k] = from_x, from_y
             by_heading = n_x * (before_y - from_y) - n_y * (before_x - from_x)
-            slopes[k] = (0.0, 0.0, 1.0, 1.0, 0.0), (n_x, n_y, by_heading, 0.0, 1.0)
+            by_alpha = n_x * (y - from_y) - n_y * (x - from_x)
+            slopes[k] = (0.0, 0.0, 1.0, 1.0, 0.0), (n_x, n_y, by_heading, by_alpha, 1.0)
         else:
             landmarks[k] = to_x, to_y = x + cos * a - sin * b, y + sin * a + cos * b
             slopes[k] = (1.0, 0.0, before_y - to_y, cos, -sin), (0.0, 1.0, to_x - before_x, sin, cos)
