@@ -292,7 +292,7 @@ def corrected(belief: Belief, told: Correction, pairs: Pairs, update: int, first
     mean[2] = math.remainder(float(mean[2]), _TURN)
     covariance = belief.covariance - gram(told.gain, told.gain)
     sightings, latest = belief.sightings.copy(), belief.latest.copy()
-    sightings[np.unique(pairs[1])] += 1
+    sightings[pairs[1]] += 1  # once, though a wall may be seen in several pieces
     latest[pairs[1]] = update
     place = belief.place_m if first_estimates else (float(mean[0]), float(mean[1]))
     return replace(belief, mean=mean, covariance=covariance, place_m=place, sightings=sightings, latest=latest)
@@ -379,21 +379,20 @@ def widened(belief: Belief, seen: Measured, pairs: Pairs) -> Belief:
     reach = belief.reach_m.copy()
     for feature, landmark in zip(*(numbers.tolist() for numbers in pairs), strict=True):
         if belief.walls[landmark]:
-            along = reaching(belief, seen.ends_m[feature])[landmark]
-            reach[landmark] = min(reach[landmark, 0], along.min()), max(reach[landmark, 1], along.max())
+            low, high = reaching(belief, seen.ends_m[feature], np.array([landmark]))[0].tolist()
+            reach[landmark] = min(reach[landmark, 0], low), max(reach[landmark, 1], high)
     return replace(belief, reach_m=reach)
 
 
-def reaching(belief: Belief, ends: Floats) -> Floats:
-    """Return how far *ends* (2, 2) in the body's frame are from each wall's anchor, along it: shape (m, 2)."""
+def reaching(belief: Belief, ends: Floats, walls: Int64s) -> Floats:
+    """Return from where to where *ends* (2, 2) in the body's frame are along each of *walls* (w,), shape (w, 2)."""
     x, y, heading = belief.mean[:3].tolist()
     cos, sin = elementary.cos(heading), elementary.sin(heading)
     in_map = np.stack((x + cos * ends[:, 0] - sin * ends[:, 1], y + sin * ends[:, 0] + cos * ends[:, 1]), axis=1)
-    alphas = belief.mean[3::2].tolist()
-    along = np.array([(-elementary.sin(a), elementary.cos(a)) for a in alphas]).reshape(-1, 2)
-    away = in_map[np.newaxis] - belief.anchors_m[:, np.newaxis]
-    far: Floats = (away * along[:, np.newaxis]).sum(axis=2)
-    return far
+    alphas = belief.landmarks[walls, 0].tolist()
+    along = np.array([(-elementary.sin(alpha), elementary.cos(alpha)) for alpha in alphas]).reshape(-1, 2)
+    away = in_map[np.newaxis] - belief.anchors_m[walls, np.newaxis]
+    return np.sort((away * along[:, np.newaxis]).sum(axis=2), axis=1)
 
 
 # ---------------------------------------------------------------- which landmark a feature is
@@ -409,31 +408,37 @@ def associated(belief: Belief, seen: Measured, own: FeatureSlamParameters) -> tu
     found: dict[int, tuple[float, int]] = {}
     new: list[int] = []
     for feature in range(len(seen.values)):
-        candidates = np.flatnonzero(_alike(belief, seen, feature, own))
+        candidates = _alike(belief, seen, feature, own)
         off = innovations(belief, seen, values, (np.full(len(candidates), feature), candidates))
         two = slice(2 * feature, 2 * feature + 2)
         apart, unlikely = _distances(off, spread[candidates] + seen.covariance[two, two])
-        near = np.flatnonzero(apart < own.gate)
-        if len(near):
-            best = int(near[np.argmin(unlikely[near])])
+        close = apart < own.news
+        if seen.walls[feature]:
+            close[close] = _beside(belief, seen.ends_m[feature], candidates[close], own.beside_m)
+        near = close & (apart < own.gate)
+        if near.any():
+            best = int(np.argmin(np.where(near, unlikely, np.inf)))
             found[feature] = float(unlikely[best]), int(candidates[best])
-        elif (apart > own.news).all() and not any(_same(seen, feature, other, own) for other in new):
+        elif not close.any() and not any(_same(seen, feature, other, own) for other in new):
             new.append(feature)
     features = _single(found, seen.walls)
     pairs = np.array(features, np.int64), np.array([found[feature][1] for feature in features], np.int64)
     return _jointly(belief, seen, values, slopes, pairs, own.joint), np.array(new, np.int64)
 
 
-def _alike(belief: Belief, seen: Measured, feature: int, own: FeatureSlamParameters) -> Bools:
-    """Return which landmarks (m,) are of the kind of a *feature*, and seen about there or open the same way."""
+def _alike(belief: Belief, seen: Measured, feature: int, own: FeatureSlamParameters) -> Int64s:
+    """Return the landmarks (c,) that are of the kind of a *feature*: walls, or corners that are open the same way."""
     if seen.walls[feature]:
-        along = reaching(belief, seen.ends_m[feature])
-        gap = np.maximum(along.min(axis=1) - belief.reach_m[:, 1], belief.reach_m[:, 0] - along.max(axis=1))
-        alike: Bools = belief.walls & (gap <= own.beside_m)
-        return alike
+        return np.flatnonzero(belief.walls)
     turn = seen.facing_rad[feature] + belief.mean[2] - belief.facing_rad
-    open_alike: Bools = ~belief.walls & (np.abs(turn - _TURN * np.rint(turn / _TURN)) <= own.facing_rad)
-    return open_alike
+    return np.flatnonzero(~belief.walls & (np.abs(turn - _TURN * np.rint(turn / _TURN)) <= own.facing_rad))
+
+
+def _beside(belief: Belief, ends: Floats, walls: Int64s, beside_m: float) -> Bools:
+    """Return which of *walls* (w,) have been seen within *beside_m* of the *ends* (2, 2) of a piece of one."""
+    along, reach = reaching(belief, ends, walls), belief.reach_m[walls]
+    beside: Bools = np.maximum(along[:, 0] - reach[:, 1], reach[:, 0] - along[:, 1]) <= beside_m
+    return beside
 
 
 def _distances(off: Floats, covariance: Floats) -> tuple[Floats, Floats]:
