@@ -23,6 +23,7 @@ which might belong to another wall, and those where the wall leaves the scanner'
 short are left. A piece whose points lie too far off its line, by the sum of their squares, is none.
 """
 
+import itertools
 import math
 from typing import Final, NamedTuple
 
@@ -53,7 +54,7 @@ class FeatureParameters(Settings):
     merging: Gain = Field(default=9.21, ge=0, description="chi-square (2) below which adjacent lines are one")
     straight: Gain = Field(default=4.0, gt=0, description="standard deviations by which chi-square may be too large")
     corner_rad: Angle = Field(default=0.6, gt=0, lt=1.5, description="rad, least angle between the sides of a corner")
-    corner_m: Metres = Field(default=0.2, gt=0, description="m, farthest that a corner is from the ends of its sides")
+    corner_m: Metres = Field(default=0.35, gt=0, description="m, farthest that a corner is from the ends of its sides")
 
 
 class Line(NamedTuple):
@@ -75,7 +76,7 @@ class Features(NamedTuple):
     corners_m: Floats
     """Shape (c, 2)."""
     sides: Int64s
-    """Shape (c, 2): the lines that each corner is an intersection of, counter-clockwise."""
+    """Shape (c, 2): the two lines that meet in each corner, counter-clockwise."""
 
     def corner_covariance(self, number: int) -> Floats:
         """Return the covariance (2, 2) of a corner, m^2."""
@@ -91,14 +92,19 @@ def extract(ranges_m: Floats, beams: Floats, parameters: FeatureParameters) -> F
     NaN, or as long as beams reach, is no hit.
     """
     hit = np.flatnonzero((ranges_m > 0.0) & (ranges_m < parameters.range_m))
-    pieces: list[tuple[int, Line]] = []
-    for number, group in enumerate(_groups(hit, ranges_m, beams, parameters)):
-        pieces += [(number, line) for line in _lines_of(group, ranges_m, beams, parameters)]
-    lines = [line for _, line in pieces]
-    adjacent = [k for k in range(len(pieces) - 1) if pieces[k][0] == pieces[k + 1][0]]
-    found = [(k, place) for k in adjacent if (place := _corner(lines[k], lines[k + 1], parameters)) is not None]
-    corners = np.array([place for _, place in found], np.float64).reshape(-1, 2)
-    return Features(lines, corners, np.array([(k, k + 1) for k, _ in found], np.int64).reshape(-1, 2))
+    groups = _groups(hit, ranges_m, beams, parameters)
+    lines: list[Line] = []
+    adjacent: list[tuple[int, int]] = []
+    for group in groups:
+        begin = len(lines)
+        lines += _lines_of(group, ranges_m, beams, parameters)
+        adjacent += [(k, k + 1) for k in range(begin, len(lines) - 1)]
+        if len(group) == len(beams) and len(lines) > 2:
+            adjacent.append((len(lines) - 1, 0))
+    found = [(sides, _corner(lines[sides[0]], lines[sides[1]], parameters)) for sides in adjacent]
+    corners = [(*sides, *place) for sides, place in found if place is not None]
+    rows = np.array(corners, np.float64).reshape(-1, 4)
+    return Features(lines, rows[:, 2:], rows[:, :2].astype(np.int64))
 
 
 # ---------------------------------------------------------------- points that belong together
@@ -126,18 +132,19 @@ def _lines_of(group: Int64s, ranges: Floats, beams: Floats, own: FeatureParamete
     """Return the lines of one group of beams, in order."""
     points = ranges[group, np.newaxis] * beams[group]
     cuts = [0, *_splits(points, 0, len(group) - 1, own.split_m), len(group) - 1]
-    pieces = [(first, last) for first, last in zip(cuts, cuts[1:], strict=False)]
-    fitted: list[tuple[int, int, Line | None]] = []
-    for first, last in pieces:
+    fitted: list[tuple[int, int, Line]] = []
+    for first, last in itertools.pairwise(cuts):
         line = _fitted(group[first : last + 1], ranges, beams, own)
-        if fitted:
-            begin, _, before = fitted[-1]
-            both = _fitted(group[begin : last + 1], ranges, beams, own) if _agree(before, line, own) else None
+        if line is None:  # a few points about a corner, mostly
+            continue
+        if fitted and _agree(fitted[-1][2], line, own):
+            begin = fitted[-1][0]
+            both = _fitted(group[begin : last + 1], ranges, beams, own)
             if both is not None:
                 fitted[-1] = begin, last, both
                 continue
         fitted.append((first, last, line))
-    return [line for _, _, line in fitted if line is not None]
+    return [line for _, _, line in fitted]
 
 
 def _splits(points: Floats, first: int, last: int, far: float) -> list[int]:
@@ -155,10 +162,8 @@ def _splits(points: Floats, first: int, last: int, far: float) -> list[int]:
     return [*_splits(points, first, middle, far), middle, *_splits(points, middle, last, far)]
 
 
-def _agree(one: Line | None, other: Line | None, own: FeatureParameters) -> bool:
+def _agree(one: Line, other: Line, own: FeatureParameters) -> bool:
     """Return whether two adjacent lines may be one, by their difference and its covariance."""
-    if one is None or other is None:
-        return False
     turn = math.remainder(other.alpha_rad - one.alpha_rad, _TURN)
     return squared_distance(turn, other.r_m - one.r_m, one.covariance + other.covariance) < own.merging
 
