@@ -5,9 +5,10 @@ in scans. The filter is that of Smith, Self and Cheeseman, "Estimating uncertain
 1990, as in Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, chapter 10, and of Dissanayake et al., "A solution
 to the simultaneous localization and map building (SLAM) problem", IEEE T-RA 17(3), 2001.
 
-State. The pose (x, y, theta) and two numbers a landmark. A wall is one face of it: its normal n = (cos alpha, sin alpha)
-points into the wall, and r is n . (p - c) for its points p. The anchor c is a constant of each wall, where it was seen
-first: with the map's origin for all, a small turn of a wall far away would be a large and curved change of r.
+State. The pose (x, y, theta) and two numbers a landmark. A wall is one face of it: its normal n = (cos alpha,
+sin alpha) points into the wall, and r is n . (p - c) for its points p. The anchor c is a constant of each wall, where
+it was seen first: with the map's origin for all, a small turn of a wall far away would be a large and curved change
+of r.
 
 Prediction. Odometry errs as the robots' does (:mod:`cosim.robots.sense_kernels`, ``locate``): the way of a tick is
 stretched by 1 + slip, slip uniform and new every tick, and before it the heading is turned by an error that is uniform
@@ -64,10 +65,14 @@ class FeatureSlamParameters(Settings):
     odometry_turn_rad: Angle = Field(
         default=0.03, ge=0, description="rad, by which a tick's way of one metre turns the heading wrongly, at most"
     )
-    corner_m: Metres = Field(default=0.01, gt=0, description="m, standard deviation of a corner beside that of its lines")
+    corner_m: Metres = Field(
+        default=0.01, gt=0, description="m, standard deviation of a corner beside that of its lines"
+    )
     gate: Gain = Field(default=9.21, gt=0, description="chi-square (2) up to which a feature may be a landmark")
     joint: Gain = Field(default=3.0, gt=0, description="standard deviations by which that of all may be too large")
-    news: Gain = Field(default=25.0, gt=0, description="chi-square (2) from which on a feature is none of the landmarks")
+    news: Gain = Field(
+        default=25.0, gt=0, description="chi-square (2) from which on a feature is none of the landmarks"
+    )
     beside_m: Metres = Field(default=2.0, ge=0, description="m, from a wall as far as it was seen to where it goes on")
     facing_rad: Angle = Field(default=0.8, gt=0, description="rad, by which the sides of one corner may seem turned")
     most_landmarks: Count = Field(default=100, ge=4, le=500, description="the largest number of landmarks")
@@ -401,7 +406,9 @@ def reaching(belief: Belief, ends: Floats, walls: Int64s) -> Floats:
 def associated(belief: Belief, seen: Measured, own: FeatureSlamParameters) -> tuple[Pairs, Int64s]:
     """Return the pairs that are compatible, each by itself and all together, and the features that are new."""
     values, slopes = expected(belief, own.first_estimates)
-    columns = np.column_stack([np.tile([0, 1, 2], (len(values), 1)), *(3 + 2 * np.arange(len(values)) + k for k in (0, 1))])
+    columns = np.column_stack(
+        [np.tile([0, 1, 2], (len(values), 1)), *(3 + 2 * np.arange(len(values)) + k for k in (0, 1))]
+    )
     own_five = belief.covariance[columns[:, :, np.newaxis], columns[:, np.newaxis, :]]
     left = (slopes[:, :, :, np.newaxis] * own_five[:, np.newaxis]).sum(axis=2)
     spread = (left[:, :, np.newaxis, :] * slopes[:, np.newaxis]).sum(axis=3)
@@ -450,7 +457,7 @@ def _distances(off: Floats, covariance: Floats) -> tuple[Floats, Floats]:
 
 
 def _same(seen: Measured, one: int, other: int, own: FeatureSlamParameters) -> bool:
-    """Return whether two features of a scan may be one wall: the second will be seen again, and is not to be another."""
+    """Return whether two features of a scan may be one wall: the second is not to be another, it will be seen again."""
     if not (seen.walls[one] and seen.walls[other]):
         return False
     off = seen.values[one] - seen.values[other]
@@ -466,9 +473,7 @@ def _single(found: dict[int, tuple[float, int]], walls: Bools) -> list[int]:
     return [feature for feature in found if walls[feature] or best[found[feature][1]] == feature]
 
 
-def _jointly(
-    belief: Belief, seen: Measured, values: Floats, slopes: Floats, pairs: Pairs, deviations: float
-) -> Pairs:
+def _jointly(belief: Belief, seen: Measured, values: Floats, slopes: Floats, pairs: Pairs, deviations: float) -> Pairs:
     """Return those of *pairs* that are compatible together."""
     while len(pairs[0]) > 1:
         free = 2 * len(pairs[0])

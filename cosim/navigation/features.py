@@ -232,7 +232,8 @@ def _nearest_line(points: Floats) -> tuple[float, float]:
 def _onto(points: Floats, x: float, y: float, r: float) -> Floats:
     """Return the feet of *points* (n, 2) on the line of the normal (x, y)."""
     off = points[:, 0] * x + points[:, 1] * y - r
-    return points - off[:, np.newaxis] * np.array([x, y])
+    feet: Floats = points - off[:, np.newaxis] * np.array([x, y])
+    return feet
 
 
 # ---------------------------------------------------------------- corners
@@ -279,11 +280,12 @@ def corner_slopes(one: Line, other: Line) -> Floats:
 
 def squared_distance(first: float, second: float, covariance: Floats) -> float:
     """Return the squared Mahalanobis distance of a difference (*first*, *second*) with a *covariance* (2, 2)."""
-    (a, b), (_, c) = covariance.tolist()
+    a, b, c = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     return (c * first * first - 2.0 * b * first * second + a * second * second) / (a * c - b * b)
 
 
 def sandwich(slopes: Floats, covariance: Floats) -> Floats:
     """Return J C J^T of *slopes* J (m, n) and a *covariance* C (n, n)."""
     left = (slopes[:, :, np.newaxis] * covariance).sum(axis=1)
-    return (left[:, np.newaxis, :] * slopes).sum(axis=2)
+    product: Floats = (left[:, np.newaxis, :] * slopes).sum(axis=2)
+    return product

@@ -1,5 +1,6 @@
 """Rooms for tests of SLAM by features, and drives among them with odometry and scans that err as the robots' do."""
 
+import itertools
 import math
 
 import numpy as np
@@ -46,7 +47,7 @@ def ticks(corners, step_m=STEP_M, turn_rad=0.1):
 def odometry(poses, draw, slip=SLIP, turn_rad=TURN_RAD):
     """Return what odometry makes of *poses* (n, 3): as cosim.robots.sense_kernels.locate, written once more."""
     told = [poses[0]]
-    for before, now in zip(poses, poses[1:], strict=False):
+    for before, now in itertools.pairwise(poses):
         way = now[:2] - before[:2]
         error = turn_rad * draw.uniform(-1.0, 1.0) * math.sqrt(math.hypot(*way))
         angle = told[-1][2] - before[2] + error

@@ -164,8 +164,11 @@ def test_derivatives_of_a_corner_are_those_of_the_intersection():
     numbers = np.array([0.3, 1.2, 1.5, 0.8])
 
     def at(values):
-        return np.array(intersection(one._replace(alpha_rad=values[0], r_m=values[1]),
-                                     other._replace(alpha_rad=values[2], r_m=values[3])))
+        return np.array(
+            intersection(
+                one._replace(alpha_rad=values[0], r_m=values[1]), other._replace(alpha_rad=values[2], r_m=values[3])
+            )
+        )
 
     slopes = np.stack([(at(numbers + d) - at(numbers - d)) / 2e-6 for d in 1e-6 * np.eye(4)], axis=1)
     assert corner_slopes(one, other) == pytest.approx(slopes, abs=1e-6)
