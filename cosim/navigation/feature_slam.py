@@ -505,6 +505,12 @@ class FeatureSlam:
         self._odometry: Pose | None = None  # at the last update
         self._ticks = 0  # since then
 
+    @property
+    def place_covariance(self) -> tuple[float, float, float]:
+        """The covariance of the place at the last update: xx, xy and yy, m^2."""
+        covariance = self.belief.covariance
+        return float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
+
     def observe(self, odometry: Pose, ranges_m: npt.ArrayLike) -> SlamEstimate:
         """Return the estimate after one more tick: *odometry* and the scan's *ranges_m* (n,) of now.
 
