@@ -109,7 +109,7 @@ def batch(poses, told, scans, anchors):
     """
     count = len(told)
     odometers = [np.linalg.inv(np.linalg.cholesky(way.covariance + 1e-12 * np.eye(3))) for way in told]
-    scanners = np.linalg.inv(np.linalg.cholesky(scans[0].covariance))
+    scanners = [np.linalg.inv(np.linalg.cholesky(seen.covariance)) for seen in scans]
 
     def residuals(unknown):
         every = np.concatenate(([poses[0]], unknown[: 3 * count].reshape(-1, 3)))
@@ -122,15 +122,15 @@ def batch(poses, told, scans, anchors):
                 math.remainder(every[k + 1, 2] - every[k, 2] - way.turn_rad, math.tau),
             )
             out.append(odometers[k] @ off)
-        for pose, seen in zip(every, scans, strict=True):
-            off = np.empty((8, 2))
-            for k, (a, b) in enumerate(landmarks):
+        for pose, seen, scanner in zip(every, scans, scanners, strict=True):
+            off = np.empty((len(seen.values), 2))
+            for k, (a, b) in enumerate(landmarks[: len(off)]):
                 if k < 4:
                     r = b - (pose[:2] - anchors[k]) @ (math.cos(a), math.sin(a))
                     off[k] = math.remainder(seen.values[k, 0] - a + pose[2], math.tau), seen.values[k, 1] - r
                 else:
                     off[k] = seen.values[k] - turned(pose[2]).T @ ((a, b) - pose[:2])
-            out.append(scanners @ off.ravel())
+            out.append(scanner @ off.ravel())
         return np.concatenate(out)
 
     walls = [(a, r - anchors[k] @ (math.cos(a), math.sin(a))) for k, (a, r) in enumerate(SIDES)]
@@ -154,6 +154,30 @@ def test_the_filter_agrees_with_a_batch_solution(seed, first_estimates):
     assert np.abs(off / spread).max() < 0.3  # a third of the standard deviation that is left
     assert np.sqrt(np.diag(belief.covariance)) == pytest.approx(spread, rel=0.05)
     assert belief.covariance / np.outer(spread, spread) == pytest.approx(covariance / np.outer(spread, spread), abs=0.1)
+
+
+def test_new_landmarks_take_over_the_errors_that_their_features_share_with_others():
+    """Of features that err together some are known and others are new, as corners and their walls are."""
+    everything, draw = np.arange(8), np.random.default_rng(4)
+    told, first, seen = ways(AROUND[:2], draw), of_the_room(AROUND[0], draw), of_the_room(AROUND[1])
+    mixing = np.eye(16) + 0.3 * draw.normal(size=(16, 16))
+    covariance = mixing @ seen.covariance @ mixing.T
+    errors = (np.linalg.cholesky(covariance) @ draw.normal(size=16)).reshape(-1, 2)
+    seen = seen._replace(values=seen.values + errors, covariance=covariance)
+    known, new = everything[:5], everything[5:]
+    few = Measured(
+        first.values[:5], first.walls[:5], first.covariance[:10, :10], first.ends_m[:5], first.facing_rad[:5]
+    )
+    belief = moved(grown(begun(tuple(AROUND[0])), few, None, (known[:0], known[:0]), known, 0), told[0])
+    said = correction(belief, seen, *expected(belief), (known, known))
+    belief = corrected(belief, said, (known, known), 1)
+    belief = grown(belief, seen, said, (known, known), new, 1)
+    found, stated = batch(AROUND[:2], told, [few, seen], belief.anchors_m)
+    off = belief.mean - found
+    off[[2, 3, 5, 7, 9]] -= math.tau * np.rint(off[[2, 3, 5, 7, 9]] / math.tau)
+    spread = np.sqrt(np.diag(stated))
+    assert np.abs(off / spread).max() < 0.1
+    assert belief.covariance / np.outer(spread, spread) == pytest.approx(stated / np.outer(spread, spread), abs=0.05)
 
 
 def unobservable(belief):
