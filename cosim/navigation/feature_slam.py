@@ -315,7 +315,7 @@ def grown(belief: Belief, seen: Measured, told: Correction | None, pairs: Pairs,
         used = np.column_stack([2 * pairs[0], 2 * pairs[0] + 1]).ravel()
         known = forward(told.factor, seen.covariance[np.ix_(used, rows)])
         errors = errors - gram(known, known)
-        with_state = -gram(told.gain, known)
+        with_state = gram(told.gain, known)  # what errs is the estimate: too large a measurement makes it too large
         values = values - gram(known, told.off).reshape(-1, 2)
     landmarks, anchors, slopes = _placed(belief, seen.walls[new], values, seen.ends_m[new])
     by_pose, by_value = _block_rows(slopes[:, :, :3]), _block_diagonal(slopes[:, :, 3:])
