@@ -55,7 +55,8 @@ def of_the_room(pose, draw=None):
         if draw is not None:
             values[k] += np.linalg.cholesky(block) @ draw.normal(size=2)
     feet = np.array([(r * math.cos(a), r * math.sin(a)) for a, r in values[:4]])
-    ends = np.concatenate((np.repeat(feet[:, None], 2, axis=1), np.zeros((4, 2, 2))))
+    along = np.array([(-math.sin(a), math.cos(a)) for a, _ in values[:4]])
+    ends = np.concatenate((np.stack((feet + 0.2 * along, feet + along), axis=1), np.zeros((4, 2, 2))))
     facing = np.array([0.0] * 4 + [math.pi / 4, 3 * math.pi / 4, -3 * math.pi / 4, -math.pi / 4]) - pose[2]
     return Measured(values, np.arange(8) < 4, covariance, ends, facing)
 
@@ -316,7 +317,7 @@ def test_a_corner_that_is_open_the_other_way_is_another_one():
 
 
 def test_a_wall_goes_on_only_for_a_while():
-    for away, is_new in ((1.5, False), (2.5, True)):
+    for away, is_new in ((2.5, False), (3.0, True)):
         belief, seen = known_room(), of_the_room(AROUND[0])
         a = seen.values[1, 0]
         seen.ends_m[1] += away * np.array((-math.sin(a), math.cos(a)))
