@@ -1,5 +1,6 @@
 """What a trace holds of robots' beliefs is what their machines believed, and costs nothing that is not asked for."""
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -160,6 +161,31 @@ def apart(place: tuple[float, float], points: Sequence[tuple[float, ...]]) -> fl
         part = min(1.0, max(0.0, ((place[0] - x1) * dx + (place[1] - y1) * dy) / (dx * dx + dy * dy)))
         best = min(best, math.dist(place, (x1 + part * dx, y1 + part * dy)))
     return best
+
+
+def test_an_explorer_may_localise_by_features():
+    """Places stay nearer to the truth than those of odometry, and the covariance is that of the filter."""
+    scenario = copy.deepcopy(FILTERED)
+    scenario["duration_s"] = 40
+    scenario["protocol"]["parameters"]["positioning"] = {
+        "kind": "features",
+        "margin_m": 1.0,
+        "features": {"odometry_slip": 0.05, "odometry_turn_rad": 0.05},
+    }
+    run = begun(scenario, (*BELIEFS, POSES))
+    run.advance(30 * S + MS)
+    estimates, poses = table(run.trace, "estimates"), table(run.trace, "poses").set_index("time_ns")
+    off = {}
+    for origin in ("machine", "odometry"):
+        found = estimates[estimates.origin == origin].set_index("time_ns")
+        true = poses.loc[found.index]
+        off[origin] = np.hypot(found.x_m - true.x_m, found.y_m - true.y_m)
+    slam = run.machines[0].positioning._slam
+    assert slam.updates > 30
+    last = estimates[estimates.origin == "machine"].iloc[-1]
+    covariance = slam.belief.covariance
+    assert (last.xx_m2, last.xy_m2, last.yy_m2) == (covariance[0, 0], covariance[0, 1], covariance[1, 1])
+    assert off["machine"].mean() < 0.5 * off["odometry"].mean()
 
 
 def test_a_filter_s_estimate_is_told_with_its_covariance():

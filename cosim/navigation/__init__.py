@@ -5,6 +5,7 @@ Local navigation: ``steering`` has the contract (``Navigator``) and the potentia
 and ``frontier_fields`` are the motor schemas of paper 001, ``past`` the memory of Avoid Past, ``status`` what a step
 may come to.
 
-Position: ``localization`` is Monte Carlo localisation on a known map, ``slam`` makes the map as well. Nothing here
-knows the simulator, so that a robot's body and a protocol's machine can both use it. ``steering`` is where to begin.
+Position: ``localization`` is Monte Carlo localisation on a known map, ``slam`` makes the map as well, ``feature_slam``
+one of the corners and walls that ``features`` finds in scans. Nothing here knows the simulator, so that a robot's body
+and a protocol's machine can both use it. ``steering`` is where to begin.
 """

@@ -63,6 +63,7 @@ from cosim.navigation.localization.motion import (
     mean_pose,
     move_particles,
     odometry_motion,
+    place_covariance,
     turned_back,
     wrapped,
 )
@@ -125,9 +126,9 @@ class SlamEstimate(NamedTuple):
     y_m: float
     heading_rad: float
     spread_m: float
-    """Root of the particles' mean squared distance from (x, y)."""
+    """Root of the mean squared distance from (x, y): of the particles, or by the covariance."""
     spread_rad: float
-    """Circular standard deviation of their headings."""
+    """Circular standard deviation of the heading."""
 
 
 def share_of_speed(spread_m: float, slow_m: float, stop_m: float) -> float:
@@ -209,6 +210,11 @@ class Slam:
     def effective(self) -> float:
         """The effective sample size, from 1 to the number of particles."""
         return float(1.0 / (self.weights * self.weights).sum())
+
+    @property
+    def place_covariance(self) -> tuple[float, float, float]:
+        """The covariance of the particles' places at the last update: xx, xy and yy, m^2."""
+        return place_covariance(self.poses, self.weights)
 
     def observe(self, odometry: Pose, ranges_m: npt.ArrayLike) -> SlamEstimate:
         """Return the estimate after one more tick: *odometry* and the scan's *ranges_m* (n,) of now.

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from cosim.navigation.feature_slam import FeatureSlamParameters
 from cosim.navigation.slam import SlamParameters
 from cosim.settings import Count, Gain, Length, Metres, Period, Rate, Seconds, Settings, error_at
 from protocols.mapping.sharing import SharingParameters
@@ -128,12 +129,16 @@ class SpeedControlParameters(Settings):
 class PositioningParameters(Settings):
     """How a robot knows where it is on its map (sections 4.3 and 5.2)."""
 
-    kind: Literal["given", "slam"] = Field(
+    kind: Literal["given", "slam", "features"] = Field(
         default="given",
-        description="the pose as observed: true, as in the paper, or odometry if the senses drift; or a filter",
+        description="the pose as observed: true, as in the paper, or odometry if the senses drift; or that of a "
+        "filter, of grid maps (slam) or of corners and walls (features: the paper's feature-based SLAM)",
     )
     filter: SlamParameters = Field(
         default=SlamParameters(), description="the filter; its range_m is not used: a beam reaches as the scanner does"
+    )
+    features: FeatureSlamParameters = Field(
+        default=FeatureSlamParameters(), description="the filter of corners and walls; its range_m is not used either"
     )
     control: SpeedControlParameters = SpeedControlParameters()
     margin_m: Metres = Field(

@@ -1,10 +1,10 @@
 """Where a robot believes that it is on its map, and how fast it may go (paper 001, section 5.2 and figure 5).
 
-The filter of :mod:`cosim.navigation.slam` runs on odometry and scans and on maps of its own; the robot marks its map
-where the filter estimates it to be. The filter also sets speed and rate of turn, while the schemas still set the
-direction: full speed up to one spread of its particles, falling linearly above it, and none from a second spread on
-("commanded to wait in place to continually observe surroundings"). Turning in place would show nothing new to a scanner
-that looks all around.
+A filter, of grid maps (:mod:`cosim.navigation.slam`) or of features (:mod:`cosim.navigation.feature_slam`), runs on
+odometry and scans and on a map of its own; the robot marks its map where the filter estimates it to be. The filter also
+sets speed and rate of turn, while the schemas still set the direction: full speed up to one spread of the place,
+falling linearly above it, and none from a second spread on ("commanded to wait in place to continually observe
+surroundings"). Turning in place would show nothing new to a scanner that looks all around.
 
 A robot that has nothing to see might wait for ever. So it waits for a limited time, then creeps on for a while whatever
 the spread, and may wait again.
@@ -20,7 +20,8 @@ import numpy as np
 import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.machine import Event
-from cosim.navigation.localization.motion import place_covariance, turned_back
+from cosim.navigation.feature_slam import FeatureSlam
+from cosim.navigation.localization.motion import Pose, turned_back
 from cosim.navigation.slam import MapGrid, Slam, SlamEstimate, share_of_speed
 from cosim.observation import Observation, Seen, Sighting
 from cosim.protocol import PoseEstimate
@@ -38,7 +39,7 @@ _WHY = {"meaning": "what has made the robot think so"}
 _X_M = {"unit": "m", "meaning": "where it is"}
 _Y_M = {"unit": "m", "meaning": "where it is"}
 _HEADING = {"unit": "rad", "meaning": "where it heads"}
-_SPREAD = {"unit": "m", "meaning": "root mean square distance of the particles from their mean"}
+_SPREAD = {"unit": "m", "meaning": "root mean square error of its place as the filter has it"}
 _SHARE = {"unit": "1", "meaning": "of its speed that it may drive with"}
 
 
@@ -149,7 +150,10 @@ class SpeedControl:
 
 
 class Filtered:
-    """The pose is the estimate of a filter, which begins at the first pose observed: that is certain."""
+    """The pose is the estimate of a filter, which begins at the first pose observed: that is certain.
+
+    The filter of features draws nothing, and so needs no stream.
+    """
 
     def __init__(
         self,
@@ -162,7 +166,8 @@ class Filtered:
         report: Report,
     ) -> None:
         """Localise on maps with the cells of *frame*, by scans that reach *range_m*."""
-        self._filter = parameters.filter.model_copy(update={"range_m": range_m})
+        self._own = parameters
+        self._range_m = range_m
         self._frame = frame
         self._radii_m = radii_m
         self._draws = Draws(int(stream.integers(2**62)), "slam")
@@ -170,15 +175,15 @@ class Filtered:
         self._control = SpeedControl(parameters.control, tick, report) if parameters.control.enabled else None
         self._report_ticks = max(1, round(_REPORT_S * S / tick))
         self._ticks = 0
-        self._slam: Slam | None = None
+        self._slam: Slam | FeatureSlam | None = None
         self._found: SlamEstimate | None = None
 
     @property
     def estimate(self) -> PoseEstimate | None:
-        """The filter's mean, and the covariance of its particles; None before the first scan."""
+        """The filter's mean, and its covariance; None before the first scan."""
         if self._slam is None or self._found is None:
             return None
-        return PoseEstimate(*self._found[:3], *place_covariance(self._slam.poses, self._slam.weights))
+        return PoseEstimate(*self._found[:3], *self._slam.place_covariance)
 
     def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
         """Return *observation* in the frame of the map; *ranges_m* (n,) along *beams* (n, 2) as they are sensed."""
@@ -186,15 +191,22 @@ class Filtered:
         if len(ranges_m) != len(beams):  # a robot without a scanner
             return Position(observation, 0.0, 1.0)
         if self._slam is None:
-            frame = self._frame
-            grid = MapGrid((frame.ny, frame.nx), frame.origin_m, frame.cell_m)
-            self._slam = Slam(grid, sensed, beams, self._draws, self._filter)
+            self._slam = self._begun(sensed, beams)
         found = self._found = self._slam.observe(sensed, self._without_bodies(observation, ranges_m, beams))
         share = 1.0 if self._control is None else self._control.share(found.spread_m)
         if self._ticks % self._report_ticks == 0:
             self._report(Localised(found.x_m, found.y_m, found.heading_rad, found.spread_m, share))
         self._ticks += 1
         return Position(_moved(observation, found), math.remainder(found.heading_rad - sensed[2], math.tau), share)
+
+    def _begun(self, start: Pose, beams: Floats) -> Slam | FeatureSlam:
+        reach = {"range_m": self._range_m}
+        if self._own.kind == "features":
+            own = self._own.features
+            return FeatureSlam(start, beams, own.model_copy(update={"features": own.features.model_copy(update=reach)}))
+        frame = self._frame
+        grid = MapGrid((frame.ny, frame.nx), frame.origin_m, frame.cell_m)
+        return Slam(grid, start, beams, self._draws, self._own.filter.model_copy(update=reach))
 
     def _without_bodies(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Floats:
         """Return the ranges; NaN where a beam has met a robot that is in sight.

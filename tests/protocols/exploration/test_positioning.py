@@ -289,12 +289,13 @@ def test_the_leader_of_a_slow_robot_is_asked_less_often_but_misses_no_gain() -> 
 
 
 @pytest.mark.slow
-def test_explorers_with_a_filter_keep_the_laws() -> None:
+@pytest.mark.parametrize("filter_", [{"kind": "slam", "filter": {"particles": 3}}, {"kind": "features"}])
+def test_explorers_with_a_filter_keep_the_laws(filter_: dict[str, Any]) -> None:
     setup: list[Any] = []
 
     def make(me: int, start: int) -> Any:
         if me == 0:
-            setup[:] = told_of_the_floor(2, map="messages", positioning={"kind": "slam", "filter": {"particles": 3}})
+            setup[:] = told_of_the_floor(2, map="messages", positioning=filter_)
         return SPEC.make(setup[0], setup[1], me, np.random.default_rng(me), start)
 
     check_machine(make, ((0.8, 1.2), (1.6, 1.2)), S)
