@@ -19,8 +19,9 @@ its distance. A corner is the intersection of two adjacent pieces. All is in the
    lines do not: who uses both needs their joint covariance (:func:`corner_slopes`).
 
 What is measured must not decide what is used, or lines are biased: the points next to an end of a piece are left out,
-which might belong to another wall, and those where the wall leaves the scanner's range, where only hits that read too
-short are left. A piece whose points lie too far off its line, by the sum of their squares, is none.
+which might belong to another wall. Where a wall leaves the scanner's range only hits that read too short are left; a
+wall almost that far away seems a fifth of a standard deviation too near by that. A piece whose points lie too far off
+its line, by the sum of their squares, is none.
 """
 
 import itertools
@@ -177,22 +178,15 @@ def _fitted(piece: Int64s, ranges: Floats, beams: Floats, own: FeatureParameters
     fit = fit_line(ranges[used], beams[used], own.sigma_m) if len(used) >= own.least_points else None
     if fit is None:
         return None
-    # by where the line is, not by what the beams read, which would favour those that read too short
-    within = fit[0].r_m < (own.range_m - 3.0 * own.sigma_m) * fit[2]
-    if not within.all():
-        used = used[within]
-        fit = fit_line(ranges[used], beams[used], own.sigma_m) if len(used) >= own.least_points else None
-        if fit is None:
-            return None
-    line, chi_square, _ = fit
+    line, chi_square = fit
     dx, dy = (line.ends_m[1] - line.ends_m[0]).tolist()
     free = len(used) - 2
     straight = chi_square < free + own.straight * math.sqrt(2.0 * free)
     return line if straight and math.sqrt(dx * dx + dy * dy) >= own.least_m else None
 
 
-def fit_line(ranges_m: Floats, beams: Floats, sigma_m: float) -> tuple[Line, float, Floats] | None:
-    """Return the line of maximum likelihood, chi-square of the ranges, and cosines (n,) of the beams with its normal.
+def fit_line(ranges_m: Floats, beams: Floats, sigma_m: float) -> tuple[Line, float] | None:
+    """Return the line of maximum likelihood, and chi-square of the ranges.
 
     *ranges_m* (n,) are along the unit vectors *beams* (n, 2), with errors of the standard deviation *sigma_m*. Return
     None if a beam is along the line, or the points are one.
@@ -216,7 +210,7 @@ def fit_line(ranges_m: Floats, beams: Floats, sigma_m: float) -> tuple[Line, flo
     covariance = sigma_m * sigma_m / whole * np.array([[rr, -ar], [-ar, aa]])
     ends = _onto(points[[0, -1]], elementary.cos(alpha), elementary.sin(alpha), r)
     chi_square = float((off * off).sum()) / (sigma_m * sigma_m)
-    return Line(math.remainder(alpha, _TURN), r, covariance, ends), chi_square, cosine
+    return Line(math.remainder(alpha, _TURN), r, covariance, ends), chi_square
 
 
 def _nearest_line(points: Floats) -> tuple[float, float]:

@@ -89,7 +89,7 @@ def test_a_fits_error_has_the_covariance_that_is_stated():
     truth = 0.2, 1.5
     errors, stated = [], []
     for _ in range(1000):
-        line, chi_square, _ = fit_line(truth[1] / np.cos(theta - truth[0]) + draw.normal(0, 0.03, 40), beams, 0.03)
+        line, chi_square = fit_line(truth[1] / np.cos(theta - truth[0]) + draw.normal(0, 0.03, 40), beams, 0.03)
         errors.append((line.alpha_rad - truth[0], line.r_m - truth[1], chi_square))
         stated.append(line.covariance)
     errors, stated = np.array(errors), np.mean(stated, axis=0)

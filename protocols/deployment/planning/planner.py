@@ -606,7 +606,6 @@ class _Calling:
         overlaps = tuple(crowded(leaves, crew.bodies))
         return Infeasible(no_way + overlaps) if no_way or overlaps else None
 
-
     def _in_vain(self, whole: Task, graph: "nx.DiGraph[Point]") -> Infeasible | None:
         """Return the conflict of tasks that the call has end with what ends before they start; None without any."""
         endings = [Ending(task.name, task.ends_with) for task in whole.walk() if task.ends_with is not None]
