@@ -140,10 +140,13 @@ def test_one_robot_touches_no_wall_whatever_it_aims_at(body, heading, aims):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("arc", [0.0, 1.0], ids=["ours", "fox"])
 @settings(max_examples=60)
-@given(bodies, st.floats(-3, 3), st.lists(places, min_size=12, max_size=12), st.integers(1, 35))
-def test_who_dies_at_any_moment_stops_without_a_touch(body, heading, aims, moment):
-    scene = Drivers([body], [(1.0, 1.0)], headings=heading)
+@given(
+    body=bodies, heading=st.floats(-3, 3), aims=st.lists(places, min_size=12, max_size=12), moment=st.integers(1, 35)
+)
+def test_who_dies_at_any_moment_stops_without_a_touch(arc, body, heading, aims, moment):
+    scene = Drivers([body], [(1.0, 1.0)], headings=heading, arc=arc)
     for tick in range(moment):
         scene.tick([aims[tick // 3]])
     scene.fleet.freeze(0, True)

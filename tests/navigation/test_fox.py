@@ -101,20 +101,6 @@ def test_one_robot_touches_no_wall_whatever_it_aims_at(body, heading, aims, arc)
 
 
 @pytest.mark.slow
-@settings(max_examples=30)
-@given(bodies, st.floats(-3, 3), st.lists(places, min_size=12, max_size=12), st.integers(1, 35))
-def test_who_dies_at_any_moment_stops_without_a_touch(body, heading, aims, moment):
-    drivers = Drivers([body], [(1.0, 1.0)], headings=heading, arc=1.0)
-    for tick in range(moment):
-        drivers.tick([aims[tick // 3]])
-    drivers.fleet.freeze(0, True)
-    for _ in range(80):
-        drivers.fleet.step()
-        assert not drivers.fleet.observed[0, 5]
-    assert drivers.fleet.rests(0)
-
-
-@pytest.mark.slow
 @settings(max_examples=20)
 @given(bodies, bodies, st.floats(-3, 3), AIMS)
 def test_two_robots_never_touch(one, other, heading, aims):
