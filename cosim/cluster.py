@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from time import perf_counter
@@ -124,6 +125,15 @@ def _engine(client: Any, address: str) -> Engine:
     return run
 
 
+@dataclass(frozen=True)
+class Made:
+    """What a worker answers to a batch: why it is *refused*, if it is, the *runs*, and the time that they took."""
+
+    refused: str | None
+    runs: list[Finished]
+    wall_s: float
+
+
 class _Window:
     """The batches that are under way."""
 
@@ -156,16 +166,17 @@ class _Window:
                     return
                 future, answer = next(done)
                 batch = self._under_way.pop(future)
-                if future.status == "finished":
+                # the future's status tells of now: that of a batch which is here is "lost" once its worker has died
+                if isinstance(answer, Made):
                     yield from self._taken(batch, answer)
-                elif future.status == "error" and isinstance(error := future.exception(), KilledWorker):
+                elif isinstance(answer, CancelledError):
+                    raise answer
+                elif isinstance(error := answer[1], KilledWorker):
                     if len(batch) == 1:
                         yield lost(batch[0], f"the workers that computed it died, at last {error.last_worker.address}")
                     again.extend([asked] for asked in batch if len(batch) > 1)
-                elif future.status == "error":
-                    raise future.exception()
                 else:
-                    raise CancelledError
+                    raise error
         finally:
             with suppress(Exception):  # the scheduler may be what has gone
                 self._client.cancel(list(self._under_way))
@@ -177,25 +188,22 @@ class _Window:
         self._under_way[future] = batch
         done.add(future)
 
-    def _taken(self, batch: Sequence[Asked], answer: tuple[str | None, list[Finished], float]) -> Iterator[Finished]:
-        refused, made, wall_s = answer
-        if refused is not None:
-            raise UserError(refused)
-        self._run_s += (max(wall_s / len(batch), 1e-6) - self._run_s) * min(1.0, len(batch) / 8)
-        yield from made
+    def _taken(self, batch: Sequence[Asked], made: Made) -> Iterator[Finished]:
+        if made.refused is not None:
+            raise UserError(made.refused)
+        self._run_s += (max(made.wall_s / len(batch), 1e-6) - self._run_s) * min(1.0, len(batch) / 8)
+        yield from made.runs
 
 
-def make_batch(
-    execution: Execution, batch: Sequence[Asked], begin: Callable[[], str | None], limits: Limits
-) -> tuple[str | None, list[Finished], float]:
-    """Make the runs of *batch*; return why this worker is refused, if it is, what was made, and how long it took."""
+def make_batch(execution: Execution, batch: Sequence[Asked], begin: Callable[[], str | None], limits: Limits) -> Made:
+    """Make the runs of *batch*."""
     refused = begin()
     if refused is not None:
-        return refused, [], 0.0
+        return Made(refused, [], 0.0)
     began = perf_counter()
     if limits == NO_LIMITS:
         made = list(map(execution, batch))
     else:
         with Pool(1, execution, lost, None, limits) as pool:
             made = list(pool.run(batch, len(batch)))
-    return None, made, perf_counter() - began
+    return Made(None, made, perf_counter() - began)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import pandas as pd
@@ -143,8 +144,10 @@ def test_workers_that_are_killed_are_replaced_and_their_runs_made_again(tmp_path
         if done in (8, 30):
             with distributed.Client(dask_address, set_as_default=False) as client:
                 client.wait_for_workers(2, 60)  # the one that was killed before is back
+                sleep(0.5)  # batches that it has made are here, not looked at yet
                 pid = sorted(client.run(os.getpid).values())[0]
-            os.kill(pid, signal.SIGKILL)
+                os.kill(pid, signal.SIGKILL)
+                wait_for(lambda: pid not in client.run(os.getpid, on_error="ignore").values())
             killed.append(pid)
 
     quick = experiment(SLOW | {"parameters": {"wait_s": 0.05}, "replicates": 60})
