@@ -30,7 +30,7 @@ from cosim.machine import (
     Unrecorded,
 )
 from cosim.observation import Observation
-from cosim.trace import CALLS, LINKS, MESSAGES, Trace
+from cosim.trace import CALLS, LINKS, MESSAGES, WAKES, Trace
 from cosim.units import S, Time, to_seconds
 
 LATEST: Final[Time] = 4_000_000_000 * S
@@ -100,6 +100,7 @@ class Node:
         self._trace = trace
         self._timer: Handle | None = None
         self._messages_wanted, self._links_wanted = trace.wants(MESSAGES), trace.wants(LINKS)
+        self._wakes_wanted = trace.wants(WAKES)
         self._radios = channel.carried(address)
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
@@ -216,6 +217,8 @@ class Node:
         if deadline > now:  # it has moved since
             self._arm(deadline, now)
             return
+        if self._wakes_wanted:
+            self._trace.row(WAKES, now, self.address)
         self.machine.wake(now)
         self.drain(now)
         self._check_awake(now)

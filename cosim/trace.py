@@ -169,6 +169,11 @@ MESSAGES: Final = Table(
         Field("payload", "str", "", "the bytes, hexadecimal"),
     ),
 )
+WAKES: Final = Table(
+    "wakes",
+    "wakes of machines, a row for each deadline that a machine had set itself and that has come",
+    (_TIME, _SOURCE),
+)
 LINKS: Final = Table(
     "links",
     "news of links and of payloads that reached machines, a row for each",
@@ -253,8 +258,8 @@ BELIEFS: Final = (MAPS, WAYS, ESTIMATES)
 TABLES: Final = {
     table.name: table
     for table in (
-        *(POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT, PAYLOADS, METRICS, CALLS),
-        *BELIEFS,
+        *(POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, WAKES, LINKS, UNSENT, PAYLOADS),
+        *(METRICS, CALLS, *BELIEFS),
     )
 }
 

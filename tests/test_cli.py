@@ -132,7 +132,7 @@ def test_trace_writes_the_tables_and_shows_one_step_as_nested_calls(cosim: Any, 
     ended = cosim("run", "depot.yaml", "--trace", "tables")
     assert ended.code == 0
     tables = {"poses.parquet", "frames.parquet", "messages.parquet", "unsent.parquet"}
-    tables |= {"calls.parquet", "events.parquet", "links.parquet", "payloads.parquet"}
+    tables |= {"calls.parquet", "events.parquet", "links.parquet", "payloads.parquet", "wakes.parquet"}
     tables |= {"transmissions.parquet", "receptions.parquet", "intervals.parquet"}
     tables |= {"maps.parquet", "ways.parquet", "estimates.parquet", "metrics.parquet"}
     assert files(tmp_path / "tables") == tables | {"scene.json"}

@@ -24,7 +24,7 @@ HEARD: Final = "received"
 STATES: Final = (STATE, *SENSED)
 """Lanes of states, which are no frames: as the tables tell, and of 802.11 what follows from the frames."""
 ORDER: Final = (*STATES, SENT, HEARD, "broadcasts")
-"""What lanes are read; messages and events are instants, not boxes."""
+"""What lanes are read; messages, wakes and events are instants, not boxes."""
 WHOLE: Final = frozenset({"", "received"})
 """Outcomes of what was not lost."""
 

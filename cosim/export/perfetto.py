@@ -155,18 +155,18 @@ def _flows(recording: Recording, placed: Mapping[tuple[str, int], tuple[int, int
 
 
 def _instants(recording: Recording) -> Iterator[Event]:
-    for rank, table in enumerate(("events", "links", "unsent")):
+    for rank, table in enumerate(("events", "links", "unsent", "wakes")):
         named = set()
         for row in recording.rows(table):
             robot = row["source"]
-            process, thread = _process(robot), _A_ROBOT * _process(robot) + _A_ROBOT - 3 + rank
+            process, thread = _process(robot), _A_ROBOT * _process(robot) + _A_ROBOT - 4 + rank
             if robot not in named:
                 named.add(robot)
                 yield _named("thread_name", process, thread, name=table)
                 yield _named("thread_sort_index", process, thread, sort_index=0)
             fixed = {*_LEFT_OUT, "source", "event"}
             arguments = {name: value for name, value in row.items() if value is not None and name not in fixed}
-            name = row.get("event") or f"unsent: {row['outcome']}"
+            name = row.get("event") or (f"unsent: {row['outcome']}" if table == "unsent" else "wake")
             common = {"cat": table, "ts": row["time_ns"] / 1000, "pid": process, "tid": thread, "s": "t"}
             yield {"ph": "i", "name": name, **common, "args": arguments}
 

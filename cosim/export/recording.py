@@ -9,10 +9,22 @@ import numpy as np
 
 from cosim.arrays import Floats, Int64s
 from cosim.errors import UserError
-from cosim.trace import FRAMES, INTERVALS, LINKS, MESSAGES, POSES, RECEPTIONS, TRANSMISSIONS, UNSENT, Table, Trace
+from cosim.trace import (
+    FRAMES,
+    INTERVALS,
+    LINKS,
+    MESSAGES,
+    POSES,
+    RECEPTIONS,
+    TRANSMISSIONS,
+    UNSENT,
+    WAKES,
+    Table,
+    Trace,
+)
 from cosim.units import Time
 
-DRAWN: Final[tuple[Table, ...]] = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, LINKS, UNSENT)
+DRAWN: Final[tuple[Table, ...]] = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, WAKES, LINKS, UNSENT)
 """The tables that a run is to keep for its exports, besides the protocol's events."""
 NAMES: Final = (*(table.name for table in DRAWN), "events")
 DOWN: Final = frozenset({"Killed", "Crashed", "BatteryEmpty"})

@@ -21,6 +21,7 @@ TABLE_OF: Final = {
     "received": "frames",
     "broadcasts": "frames",
     "messages": "messages",
+    "wakes": "wakes",
     "events": "events",
     PICONET: "intervals",
     CHANNEL: "transmissions",

@@ -8,6 +8,7 @@ from cosim.intervals import STATES
 FRAME: Final = "frame"
 STATE: Final = "state"
 MESSAGE: Final = "message"
+WAKE: Final = "wake"
 EVENT: Final = "event"
 NO_KIND: Final = 0xFFFF
 """The code of a cell in which there is nothing."""
@@ -46,6 +47,7 @@ _GROUPS: Final = {
     FRAME: PACKETS,
     STATE: STATES | CARRIER_SENSE,
     MESSAGE: {MESSAGE: "a payload has arrived at a machine"},
+    WAKE: {WAKE: "a deadline that a machine has set itself has come"},
     EVENT: dict[str, str](),
 }
 CHANNEL: Final = "channel"
@@ -127,7 +129,7 @@ class Named(NamedTuple):
     radio: int
     """-1 for the robot itself."""
     what: str
-    """states, busy, NAV, sent, received, broadcasts, messages, events, piconet or channel"""
+    """states, busy, NAV, sent, received, broadcasts, messages, wakes, events, piconet or channel"""
     row: int = 0
     """Which of several of one kind, whose boxes would overlap in one; of a piconet, whose master is the robot: the
     member that it is about."""
@@ -158,5 +160,5 @@ class Named(NamedTuple):
         return self.channel, self.what == PICONET, self.robot < 0, *of_robot
 
 
-ORDER: Final = ("states", BUSY, NAV, "sent", "received", "broadcasts", "messages", "events", PICONET, CHANNEL)
+ORDER: Final = ("states", BUSY, NAV, "sent", "received", "broadcasts", "messages", "wakes", "events", PICONET, CHANNEL)
 """What lanes there are, from top to bottom."""

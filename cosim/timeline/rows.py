@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cosim.intervals import HOST
-from cosim.timeline.codes import CHANNEL, CUT, EVENT, FRAME, MESSAGE, PICONET, STATE, Codes, Named
+from cosim.timeline.codes import CHANNEL, CUT, EVENT, FRAME, MESSAGE, PICONET, STATE, WAKE, Codes, Named
 from cosim.timeline.lanes import Array, Boxes
-from cosim.trace import FRAMES, INTERVALS, MESSAGES, TRANSMISSIONS, Trace
+from cosim.trace import FRAMES, INTERVALS, MESSAGES, TRANSMISSIONS, WAKES, Trace
 from cosim.units import Time
 
 EVENTS: Final = "events"
@@ -19,6 +19,7 @@ SOURCES: Final[dict[str, tuple[str, ...]]] = {
     FRAMES.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "outcome", "part"),
     INTERVALS.name: ("start_ns", "robot", "end_ns", "radio", "state", "detail"),
     MESSAGES.name: ("time_ns", "source", "sender"),
+    WAKES.name: ("time_ns", "source"),
     EVENTS: ("time_ns", "source", "event"),
 }
 """Tables whose rows are boxes, in the order in which they are to be read, with the columns that tell which."""
@@ -230,9 +231,10 @@ class Maker:
         return [made, _in_piconets(columns, boxes)]
 
     def _messages(self, columns: Mapping[str, Any], first: int) -> list[Made]:
-        times = columns["time_ns"]
-        kinds = np.full(len(times), self.codes.kind(MESSAGE, MESSAGE), dtype=np.uint16)
-        return [self._instants("messages", columns, kinds, first)]
+        return [self._instants("messages", columns, self._all_of(MESSAGE, columns), first)]
+
+    def _wakes(self, columns: Mapping[str, Any], first: int) -> list[Made]:
+        return [self._instants("wakes", columns, self._all_of(WAKE, columns), first)]
 
     def _events(self, columns: Mapping[str, Any], first: int) -> list[Made]:
         return [self._instants("events", columns, self._kinds(EVENT, columns["event"]), first)]
@@ -242,6 +244,10 @@ class Maker:
         peers = peers_of(columns["sender"]) if "sender" in columns else _nobody(times)
         boxes = Boxes(times, times, kinds, _zeros(times), _numbers(first, times), peers)
         return _made(what, columns["source"], np.full(len(times), HOST, dtype=np.int64), boxes)
+
+    def _all_of(self, group: str, columns: Mapping[str, Any]) -> Array:
+        """Return the kinds of rows of a table that has one kind only, of the name of its *group*."""
+        return np.full(len(columns["time_ns"]), self.codes.kind(group, group), dtype=np.uint16)
 
     def _kinds(self, group: str, column: tuple[Array, Sequence[str]]) -> Array:
         codes, words = column

@@ -32,6 +32,7 @@ from cosim.trace import (
     POSES,
     RECEPTIONS,
     TRANSMISSIONS,
+    WAKES,
     Table,
     Trace,
 )
@@ -47,7 +48,7 @@ from cosim.web.scans import Scanner
 from cosim.web.scenes import scene_of
 from cosim.web.timeline import Grown, Timeline
 
-_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, PAYLOADS, METRICS, *BELIEFS)
+_WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, WAKES, PAYLOADS, METRICS, *BELIEFS)
 """Tables that a page shows besides the events."""
 _WISHES: Final = 64
 """Maximum number of wishes that wait."""

@@ -117,12 +117,13 @@ def test_an_arrow_leads_from_each_transmission_to_each_reception(made: Made) -> 
 def test_events_and_counts_are_those_of_the_tables(made: Made) -> None:
     _, tables, events, _ = made
     instants = Counter((event["cat"], ns(event["ts"]), event["name"]) for event in events if event["ph"] == "i")
-    rows = [("events", tables["events"]), ("links", tables["links"])]
     expected = Counter(
         (name, time, event)
-        for name, table in rows
-        for time, event in zip(table["time_ns"], table["event"], strict=True)
+        for name in ("events", "links")
+        for time, event in zip(tables[name]["time_ns"], tables[name]["event"], strict=True)
     )
+    expected.update(("wakes", time, "wake") for time in tables["wakes"]["time_ns"])
+    assert any(key[0] == "wakes" for key in expected)
     assert {key: count for key, count in instants.items() if key[0] != "unsent"} == expected
     counted = Counter[str]()
     for event in events:

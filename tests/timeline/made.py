@@ -9,14 +9,14 @@ import numpy as np
 
 from cosim.channels.radios import with_radio
 from cosim.machine import BROADCAST
-from cosim.trace import FRAMES, INTERVALS, MESSAGES, RECEPTIONS, TRANSMISSIONS, Table, Trace, events_table
+from cosim.trace import FRAMES, INTERVALS, MESSAGES, RECEPTIONS, TRANSMISSIONS, WAKES, Table, Trace, events_table
 from cosim.units import Time
 
 ROBOTS = 4
 KINDS = ("DM1", "DH5", "POLL", "ID")
 FATES = (("received", ""), ("received", ""), ("received", ""), ("bit_errors", "payload"), ("collided", "header"))
 STATES = ("inquiry", "scan", "link")
-TABLES = (FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES)
+TABLES = (FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, WAKES)
 
 Rows = dict[str, list[tuple[Any, ...]]]
 
@@ -24,7 +24,7 @@ Rows = dict[str, list[tuple[Any, ...]]]
 def made_rows(seed: int, count: int, last: Time, radios: int = 1, older: bool = False) -> Rows:
     """Return rows of a run that lasts *last* ns, with *count* transmissions, in the order in which they would come.
 
-    An *older* one has no tables but frames, messages and events.
+    An *older* one has no tables but frames, messages, wakes and events.
     """
     stream = np.random.default_rng(seed)
     rows: Rows = {table.name: [] for table in (*TABLES, events_table(()))}
@@ -49,6 +49,7 @@ def made_rows(seed: int, count: int, last: Time, radios: int = 1, older: bool = 
         if end > start:
             rows["intervals"].append((start, robot, end, radio, STATES[at % len(STATES)], f"of={at}"))
         rows["messages"].append((at + duration, source, max(to, 0), False, "0a0b"))
+        rows["wakes"].append((at, (source + 1) % ROBOTS))
         rows["events"].append((at, source, ("Met", "Found")[at % 2]))
     if older:
         for name in ("transmissions", "receptions", "intervals"):

@@ -205,7 +205,7 @@ def test_boxes_of_random_windows_of_a_live_run_are_rows_of_its_trace(live: Live,
         seen += len(found)
     assert seen > 20
     everything = page.everything()
-    for what, table in (("states", "intervals"), ("messages", "messages"), ("events", "events")):
+    for what, table in (("states", "intervals"), ("messages", "messages"), ("wakes", "wakes"), ("events", "events")):
         count = sum(len(boxes) for lane, boxes in everything.items() if page.lanes[lane]["what"] == what)
         assert count == (trace.count(table) if table in trace.tables else 0)
     for lane, boxes in everything.items():

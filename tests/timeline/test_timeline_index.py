@@ -175,7 +175,8 @@ def test_an_older_trace_has_lanes_of_its_frames(tmp_path: Path):
     folder = written(tmp_path, made_trace(rows, older=True))
     assert not (folder / "transmissions.parquet").exists()
     frames, page = pd.read_parquet(folder / "frames.parquet"), Page(Recorded(folder))
-    assert {lane["what"] for lane in page.lanes.values()} == {"sent", "received", "channel", "messages", "events"}
+    told = {"sent", "received", "channel", "messages", "wakes", "events"}
+    assert {lane["what"] for lane in page.lanes.values()} == told
     for start in range(0, LAST, LAST // 20):
         expected = stored(frames, start, start + 999)
         to_one = {row: count for row, count in expected.items() if row.destination >= 0}
@@ -214,6 +215,7 @@ def test_lanes_are_named_and_stand_in_order(tmp_path: Path):
     assert [name for name in names if name.startswith("robot 1") and not name[-1].isdigit()] == [
         "robot 1: host",
         "robot 1: messages",
+        "robot 1: wakes",
         "robot 1: events",
         *(
             f"robot 1, radio {radio}: {what}"

@@ -21,9 +21,17 @@ FIRST_COLUMN = {
     "received": "time_ns",
     "states": "start_ns",
     "messages": "time_ns",
+    "wakes": "time_ns",
     "events": "time_ns",
 }
-WHOSE = {"sent": "source", "received": "destination", "states": "robot", "messages": "source", "events": "source"}
+WHOSE = {
+    "sent": "source",
+    "received": "destination",
+    "states": "robot",
+    "messages": "source",
+    "wakes": "source",
+    "events": "source",
+}
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +59,7 @@ def expected(tables: dict[str, pd.DataFrame], start: int, end: int, robot: int |
         rows = table if robot is None else table[table[WHOSE[what]] == robot]
         begins = rows["start_ns" if what == "states" else "time_ns"]
         ends = rows.end_ns if what == "states" else begins + rows.get("duration_ns", 0)
-        kinds = rows.get("kind", rows.get("state", rows.get("event", pd.Series("message", rows.index))))
+        kinds = rows.get("kind", rows.get("state", rows.get("event", pd.Series(what.removesuffix("s"), rows.index))))
         inside = (begins >= start) & (begins < end)
         touched = inside | ((begins < end) & (ends > start))
         times = np.minimum(ends, end) - np.maximum(begins, start)

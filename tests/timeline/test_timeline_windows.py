@@ -137,7 +137,7 @@ def test_boxes_of_a_made_up_run_are_rows_of_frames(folder: Path):
         assert drawn(page, page.window(start, end)) == stored(frames, start, end)
 
 
-@pytest.mark.parametrize("what", ["sent", "states", "messages", "events"])
+@pytest.mark.parametrize("what", ["sent", "states", "messages", "wakes", "events"])
 def test_each_row_is_a_box_of_its_robot(folder: Path, what: str):
     page = Page(Recorded(folder))
     table = {"sent": "transmissions", "states": "intervals"}.get(what, what)
@@ -149,7 +149,7 @@ def test_each_row_is_a_box_of_its_robot(folder: Path, what: str):
             found |= {box.row: (lane["robot"], lane["radio"], box.start, box.end) for box in boxes}
     start, robot = rows.iloc[:, 0], rows.iloc[:, 1]
     end = rows.end_ns if what == "states" else start + (rows.duration_ns if what == "sent" else 0)
-    no_radio = [-1 if what in ("messages", "events") else 0] * len(rows)
+    no_radio = [-1 if what in ("messages", "wakes", "events") else 0] * len(rows)
     radio = rows.radio if "radio" in rows else no_radio
     assert [found[row] for row in sorted(found)] == list(zip(robot, radio, start, end, strict=True))
 

@@ -169,7 +169,13 @@ def test_frames_of_one_instant_are_told_apart(tmp_path: Path):
 
 
 def test_a_state_and_a_message_tell_their_fields(page: Page):
-    for what, told in (("states", {"state", "detail"}), ("messages", {"payload", "sender"}), ("events", {"event"})):
+    fields = {
+        "states": {"state", "detail"},
+        "messages": {"payload", "sender"},
+        "wakes": {"source"},
+        "events": {"event"},
+    }
+    for what, told in fields.items():
         number = next(number for number, lane in page.lanes.items() if lane["what"] == what)
         box = page.everything()[number][0]
         answer = page.box(number, box.row)
@@ -244,7 +250,7 @@ def test_a_page_is_told_the_lanes_once_and_answered_in_order(socket: ClientConne
 
 def test_a_page_that_asks_what_there_is_not_gets_one_error_and_goes_on(socket: ClientConnection):
     socket.send(json.dumps(WINDOW | {"lanes": [999]}))
-    assert next_of(socket, "error")["why"] == "there is no lane 999: expected 0 to 62"
+    assert next_of(socket, "error")["why"] == "there is no lane 999: expected 0 to 66"
     socket.send(json.dumps(WINDOW | {"lanes": "all"}))
     assert "lanes" in next_of(socket, "error")["why"]
     socket.send(json.dumps(WINDOW))

@@ -1,6 +1,6 @@
 // Where lanes stand: rows one below the other, in groups of a robot's radio, or one for each RF channel.
 
-const HEIGHTS_PX = { states: 14, busy: 9, NAV: 9, sent: 17, received: 17, broadcasts: 14, messages: 11, events: 11, piconet: 13 };
+const HEIGHTS_PX = { states: 14, busy: 9, NAV: 9, sent: 17, received: 17, broadcasts: 14, messages: 11, wakes: 11, events: 11, piconet: 13 };
 const FURTHER_PX = 12; // of a lane that holds what overlaps the boxes of another one
 const GAP_PX = 6;
 const LEAST_GROUP_PX = 26;

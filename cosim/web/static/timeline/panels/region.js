@@ -7,7 +7,7 @@ import { sent } from "../wire.js";
 const SETTLED_MS = 150; // after which a cursor that is dragged stands
 const ANEW_MS = 1000; // how often sums of a run under way are asked for anew
 const TITLES = {
-  states: "state", busy: "state", NAV: "state", sent: "sent", received: "to one", broadcasts: "to all", messages: "host", events: "event",
+  states: "state", busy: "state", NAV: "state", sent: "sent", received: "to one", broadcasts: "to all", messages: "host", wakes: "host", events: "event",
 };
 
 /** The sums of a timeline, as tables. */
