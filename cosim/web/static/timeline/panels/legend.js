@@ -2,7 +2,7 @@
 
 import { element } from "../dom.js";
 
-const TITLES = { frame: "Frames", state: "States", message: "Messages", event: "Events" };
+const TITLES = { frame: "Frames", state: "States", message: "Messages", wake: "Wakes", event: "Events" };
 
 /** Fill *root* with a switch for each kind; *changed* is called after each change of what is hidden. */
 export function show_legend(root, kinds, changed) {
