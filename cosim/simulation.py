@@ -14,19 +14,18 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from cosim.beliefs import Beliefs
-from cosim.channels.base import WHY_UNSENT, Channel, Flying
+from cosim.channels.base import WHY_UNSENT, Channel
 from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
 from cosim.errors import LocalProtocolError, UserError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
 from cosim.faults.settings import FrozenSettings, MovedSettings
-from cosim.intervals import Interval
 from cosim.kernel import DELIVER, WORLD, Kernel
 from cosim.machine import OPERATOR, Address, Command, GoTo, Machine, Reception
 from cosim.node import Node, Notices, Said
 from cosim.observation import Observation
-from cosim.payloads import HeldRow
+from cosim.present import Present
 from cosim.protocol import Metric, ProtocolSpec, Referee, Surroundings
 from cosim.randomness import Streams
 from cosim.robots.motion import Fleet
@@ -165,21 +164,12 @@ class Simulation:
             self.over = self.over or (self.kernel.now >= self.scenario.duration and not self.attended)
         return self.over
 
-    def under_way(self) -> list[Interval]:
-        """Return what radios, robots and jammers are doing now: intervals that become rows when they are over.
-
-        There are none unless the trace wants the table ``intervals``.
-        """
-        now = self.kernel.now
-        return [*self.channel.under_way(now), *self.faults.under_way(now)]
-
-    def flying(self) -> list[Flying]:
-        """Return the frames that are on the air now, and are rows when they end."""
-        return self.channel.flying(self.kernel.now)
-
-    def held(self) -> list[HeldRow]:
-        """Return rows of the table ``payloads`` of what radios hold now: none unless the trace wants that table."""
-        return self.channel.held(self.kernel.now)
+    @property
+    def present(self) -> Present:
+        """What has begun and is not over now."""
+        now, channel = self.kernel.now, self.channel
+        under_way = [*channel.under_way(now), *self.faults.under_way(now)]
+        return Present(now, under_way, channel.held(now), channel.flying(now))
 
     def operate(self, robot: Address, payload: bytes) -> None:
         """Hand *payload* to the machine of *robot* by the cable of its console, as soon as the run goes on.

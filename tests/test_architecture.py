@@ -21,7 +21,8 @@ LINES = (
     "trace intervals payloads kernel",
     "world",
     "robots channels",
-    "node faults scenario decoding beliefs series simulation columns parts results upkeep experiment sweep cluster",
+    "node faults present scenario decoding beliefs series simulation columns parts results upkeep experiment sweep "
+    "cluster",
     "timeline report export web picture testing parallel env pins warm live data_dictionary console cli_pictures "
     "cli_sweeps cli __main__",
 )

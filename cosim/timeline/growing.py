@@ -16,6 +16,7 @@ from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.base import Flying
 from cosim.errors import UserError
 from cosim.intervals import Interval
+from cosim.present import Present
 from cosim.timeline.assembly import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.codes import CHANNEL, FRAME, PICONET, STATE, Codes
 from cosim.timeline.curves import SeriesOfRun, series_of
@@ -196,20 +197,10 @@ class Growing:
         self._series_of = 0, 0
         """First row and number of the rows that the series are of."""
 
-    def take(
-        self,
-        new: Mapping[str, Rows],
-        under_way: Sequence[Interval],
-        now: Time,
-        held: Rows = (),
-        flying: Sequence[Flying] = (),
-    ) -> None:
-        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*.
-
-        *held* are rows of the payloads that radios hold now, *flying* the frames that are on the air.
-        """
-        self.now = now
-        self._held = held
+    def take(self, new: Mapping[str, Rows], present: Present) -> None:
+        """Add the *new* rows of tables, by name, and show what has begun and is not over at *present*."""
+        self.now = present.now
+        self._held = present.held
         for name in (*SOURCES, *(name for name in new if name not in SOURCES)):
             if new.get(name) and name in self._tables:
                 self._add(name, new[name])
@@ -218,8 +209,8 @@ class Growing:
             lane = self._lane(named.what, (named.robot, named.radio, 0))
             lane.renew(since, boxes)
             lane.sum_up(self.codes)
-        self._show(under_way)
-        self._show_flying(flying)
+        self._show(present.under_way)
+        self._show_flying(present.flying)
         if sum(map(len, self._tables.values())) > self._most:
             self._forget()
 

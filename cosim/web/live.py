@@ -403,7 +403,7 @@ class Live:
     def _publish(self) -> None:
         """Let pages see the present state."""
         trace: Any = self._simulation.trace
-        doing, held, flying = self._simulation.under_way(), self._simulation.held(), self._simulation.flying()
+        present = self._simulation.present
         ticks, frames, events = trace.fetched()
         grown = trace.grown()
         said = self._simulation.said()
@@ -411,8 +411,8 @@ class Live:
             {"say": "operator", "robot": robot, "time_s": to_seconds(at), "data": _decoded(payload)}
             for at, robot, payload in said
         ]
-        moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
-        self._timeline.take(grown, doing, self._simulation.kernel.now, held, flying)
+        moment = Moment(present.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
+        self._timeline.take(grown, present)
         sensed = self._sense(ticks)
         with self._lock:
             if sensed is not None:
@@ -422,8 +422,8 @@ class Live:
                 self._ticks.append(row)
             for frame in frames:
                 self._air.append(frame)
-            self._air.put(flying)
-            self._activity.put(doing)
+            self._air.put(present.flying)
+            self._activity.put(present.under_way)
             for row in events:
                 self._events.append(row)
                 self._kinds.setdefault(row[3], Rolling(MOST_OF_KIND)).append(row)

@@ -29,9 +29,8 @@ from typing import Annotated, Any, Final, Literal, Protocol, TypeAlias
 import numpy as np
 from pydantic import Field
 
-from cosim.channels.base import Flying
 from cosim.errors import UserError
-from cosim.intervals import Interval
+from cosim.present import Present
 from cosim.settings import Settings
 from cosim.timeline.assembly import lost_codes, span_of
 from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, ORDER, PICONET, Codes
@@ -321,20 +320,10 @@ class Grown:
         self._decode = decode
         self._lock = Lock()
 
-    def take(
-        self,
-        new: Mapping[str, Rows],
-        under_way: Sequence[Interval],
-        now: Time,
-        held: Rows = (),
-        flying: Sequence[Flying] = (),
-    ) -> None:
-        """Add the *new* rows of tables, by name; *under_way* are the intervals that have not ended *now*.
-
-        *held* are rows of the payloads that radios hold now, *flying* the frames that are on the air.
-        """
+    def take(self, new: Mapping[str, Rows], present: Present) -> None:
+        """Add the *new* rows of tables, by name, and show what has begun and is not over at *present*."""
         with self._lock:
-            self._growing.take(new, under_way, now, held, flying)
+            self._growing.take(new, present)
 
     def told(self, known: Known | None) -> tuple[Row | None, Known]:
         """Return the message ``lanes`` if there are others than a page knows."""

@@ -121,7 +121,7 @@ def test_what_is_under_way_is_told_by_radios_robots_and_jammers_in_the_midst_of_
     run.advance(2 * S)
     jammer = "fault=1 nth=0 x_m=1.5 y_m=2.0 power_dbm=20.0 channels=7 mode=constant"
     now = run.kernel.now
-    found = sorted(interval for interval in run.under_way() if interval.state in ("off", "crashed", "jammer"))
+    found = sorted(interval for interval in run.present.under_way if interval.state in ("off", "crashed", "jammer"))
     assert found == [
         Interval(500 * MS, JAMMER, now, HOST, "jammer", jammer),
         Interval(1 * S, 0, now, HOST, "crashed", ""),
@@ -138,4 +138,4 @@ def test_a_run_has_the_same_digest_and_kernel_events_whether_tables_are_kept_or_
     one, other = with_rows.run(), without.run()
     assert (one.digest, one.metrics) == (other.digest, other.metrics)
     assert with_rows.trace.columns("intervals")["radio"].count(HOST) == 4
-    assert without.under_way() == []
+    assert without.present.under_way == []

@@ -14,6 +14,7 @@ import pytest
 from cosim.channels.radios import with_radio
 from cosim.errors import UserError
 from cosim.intervals import Interval
+from cosim.present import Present
 from cosim.scenario import load
 from cosim.simulation import Simulation
 from cosim.timeline import growing, levels
@@ -45,7 +46,7 @@ def grown(rows: Rows, radios: int = 1, most: int = 10**9, seed: int = 1) -> Grow
             count = min(int(stream.geometric(0.03)), len(each))
             new[name], left[name] = each[:count], each[count:]
         now = max([now, *(row[0] for each in new.values() for row in each)])
-        found.take(new, [], now)
+        found.take(new, Present(now))
     return found
 
 
@@ -140,15 +141,16 @@ def test_the_oldest_rows_are_forgotten_and_that_is_told():
 def test_what_is_under_way_has_a_box_that_ends_now():
     found = Growing([INTERVALS])
     link, scan = Interval(10, 0, 500, 0, "link", "peer=1"), Interval(20, 0, 500, 0, "scan", "")
-    found.take({}, [link, scan], 500)
+    found.take({}, Present(500, [link, scan]))
     lanes = {lane.named.row: lane for lane in found.lanes}
     assert [lane.within(499, 500).ends.tolist() for lane in lanes.values()] == [[500], [500]]
     number = int(lanes[0].under_way.rows[0])
     assert found.row("intervals", number)["detail"] == "peer=1"
-    found.take({"intervals": [(30, 0, 40, 0, "scan", "x"), (20, 0, 600, 0, "scan", "")]}, [link._replace(end=700)], 700)
+    ended = [(30, 0, 40, 0, "scan", "x"), (20, 0, 600, 0, "scan", "")]
+    found.take({"intervals": ended}, Present(700, [link._replace(end=700)]))
     lanes = {lane.named.row: lane for lane in found.lanes}
     assert {row: lane.within(0, 10**6).starts.tolist() for row, lane in lanes.items()} == {0: [10], 1: [20], 2: [30]}
-    found.take({"intervals": [(10, 0, 800, 0, "link", "peer=1")]}, [], 900)
+    found.take({"intervals": [(10, 0, 800, 0, "link", "peer=1")]}, Present(900))
     assert [lane.within(0, 10**6).ends.tolist() for lane in found.lanes] == [[800], [600], [40]]
     assert all(not len(lane.under_way.starts) for lane in found.lanes)
     with pytest.raises(UserError, match="there is no row"):
@@ -159,9 +161,9 @@ def test_transmissions_that_are_told_late_take_the_place_of_frames():
     rows = made_rows(6, 200, LAST)
     found = Growing((*MADE, EVENTS))
     frames = rows["frames"]
-    found.take({"frames": frames[:10]}, [], 10)
+    found.take({"frames": frames[:10]}, Present(10))
     assert {lane.table for lane in found.lanes if lane.named.what == "sent"} == {"frames"}
-    found.take({"frames": frames[10:], "transmissions": rows["transmissions"]}, [], LAST)
+    found.take({"frames": frames[10:], "transmissions": rows["transmissions"]}, Present(LAST))
     lanes, codes = lanes_of(
         made_trace({**made_rows(6, 0, LAST), "frames": frames, "transmissions": rows["transmissions"]})
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.links import Memberships, Presence
 from cosim.intervals import Interval, Intervals
+from cosim.present import Present
 from cosim.timeline.growing import Growing
 from cosim.timeline.index import opened
 from cosim.timeline.lanes import Lane
@@ -92,7 +93,7 @@ def test_a_link_that_is_under_way_has_one_too() -> None:
     trace, under_way = made()
     growing = Growing([INTERVALS])
     columns = trace.columns(INTERVALS.name)
-    growing.take({INTERVALS.name: list(zip(*columns.values(), strict=True))}, under_way, 7000)
+    growing.take({INTERVALS.name: list(zip(*columns.values(), strict=True))}, Present(7000, under_way))
     assert peers(growing.lanes, growing.codes.kinds) == OTHERS | OVER | UNDER_WAY
     assert members(growing.lanes, growing.codes.kinds) == MEMBERS_OVER | MEMBERS_UNDER_WAY
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from cosim.errors import UserError
+from cosim.present import Present
 from cosim.timeline import levels
 from cosim.timeline.index import opened
 from cosim.web.recorded import Recorded
@@ -112,7 +113,7 @@ def test_a_run_under_way_has_the_sums_of_its_trace(folder: Path) -> None:
     rows = made_rows(7, COUNT, LAST)
     growing = Grown([*TABLES, *(table for table in made_trace(rows).tables.values() if table.name == "events")])
     for part in range(4):
-        growing.take({name: each[part::4] for name, each in rows.items()}, [], LAST)
+        growing.take({name: each[part::4] for name, each in rows.items()}, Present(LAST))
 
     class Session:
         timeline = growing

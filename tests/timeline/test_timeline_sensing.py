@@ -12,6 +12,7 @@ import pytest
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.radios import with_radio
 from cosim.machine import BROADCAST
+from cosim.present import Present
 from cosim.timeline import levels
 from cosim.timeline.growing import Growing
 from cosim.timeline.index import Index, opened
@@ -153,7 +154,7 @@ def comes(tables: dict[str, list[Any]], channel: Any, seed: int) -> Growing:
             told = now - stream.randrange(S // 2)
             count = next((at for at, row in enumerate(rows) if row[0] > told), len(rows))
             new[name], left[name] = rows[:count], rows[count:]
-        found.take(new, [], now)
+        found.take(new, Present(now))
         now += stream.randrange(S // 10)
     return found
 

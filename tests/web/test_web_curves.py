@@ -10,6 +10,7 @@ import pytest
 
 from cosim.errors import UserError
 from cosim.intervals import Interval
+from cosim.present import Present
 from cosim.scenario import load
 from cosim.simulation import Simulation
 from cosim.timeline.codes import Codes
@@ -62,7 +63,7 @@ def drawn(request: pytest.FixtureRequest, folder: Path) -> Drawn:
         for name, table in tables.items():
             ends = table["end_ns" if name in ("intervals", "payloads") else "time_ns"]
             new[name] = [tuple(row) for row in table[(ends >= now - S) & (ends < now)].itertuples(index=False)]
-        growing.take(new, [], min(now, END))
+        growing.take(new, Present(min(now, END)))
     return Drawn(growing.lanes, growing.codes, queues=growing.queues)
 
 
@@ -199,7 +200,7 @@ def test_a_run_under_way_tells_of_what_is_held_now(folder: Path):
     run.begin()
     for now in range(4_850_000_000, 5_300_000_000, 17_000_001):
         run.advance(now)
-        grown.take(trace.grown(), run.under_way(), now, run.held())
+        grown.take(trace.grown(), run.present)
         asked = {"from_ns": str(now - 50 * MS), "to_ns": str(now), "step_ns": str(5 * MS)}
         told = grown.answer(AskCurves(say="curves", number=1, names=["queue_length", "message_wait"], **asked))
         assert isinstance(told, dict)
@@ -272,7 +273,7 @@ def test_areas_of_a_run_under_way_are_those_of_its_rows(folder: Path):
     rows = table(folder, "intervals")
     done = [tuple(row) for row in rows[rows.state == "afh"].itertuples(index=False)]
     under_way = [Interval(*row) for row in rows[rows.state == "jammer"].itertuples(index=False)]
-    growing.take({"intervals": done}, under_way, END)
+    growing.take({"intervals": done}, Present(END, under_way))
     found, more = areas(growing.lanes, growing.codes, growing, (0, END))
     expected = asked(folder, None, (0, END))["areas"]
     assert [(each.what, str(each.start), each.channels) for each in found] == [

@@ -95,13 +95,13 @@ def test_at_a_pause_all_that_is_on_the_air_is_told(name: str):
     assert len(chosen) >= MOMENTS
     for at in chosen:
         run.advance(at)
-        flying = run.flying()
+        flying = run.present.flying
         told = {of_flying(each) for each in flying}
         expected = of_table(sent, at)
         assert expected
         assert expected <= told, at
         assert {row[2] for row in told - expected} <= {"ID"}  # which are rows if somebody has heard them
-        grown.take(trace.grown(), run.under_way(), at, run.held(), flying)
+        grown.take(trace.grown(), run.present)
         air.put(flying)
         on_floor = {(*row[2:5], row[5], row[10]) for row in air.at(at, 1.0)["frames"]}
         assert {(row[1], row[3], row[2], "", row[8]) for row in expected} <= on_floor
