@@ -109,6 +109,16 @@ class Relay:
         self._join((self.exchange + 2) % EXCHANGES)
         self._ask_at = self._stall_at = None
 
+    def dispensable(self, robot: Address) -> bool:
+        """Return whether the others can talk without *robot*, a member: not without a master or a bridge."""
+        return self.registry.directory.is_plain(robot)
+
+    def release(self, robots: tuple[Address, ...], now: Time) -> None:
+        """Let *robots* go, which all are dispensable, and call the roll of the others, as the root."""
+        without = self.registry.roll_without(robots)
+        if without is not None:
+            self._call_roll(without, now)
+
     def fate(self, fate: Fate, now: Time) -> None:
         """Ignore fates: nothing that this layer sends has a token."""
 

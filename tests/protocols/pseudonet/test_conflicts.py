@@ -248,6 +248,29 @@ def test_who_is_cut_off_from_all_that_is_left_is_not_answered() -> None:
     assert coordination.direction_for(0, messages) is None
 
 
+def test_who_has_stopped_is_to_leave_only_where_a_stop_is_a_departure() -> None:
+    for departure in (False, True):
+        coordination, _, cells = team()
+        coordination.departure = departure
+        coordination.take_positions({0: at(0, 0, 0), 1: at(1, 2, 0, kind=Kind.STOP), 2: at(2, 1, 2)})
+        assert coordination.departing() == ({1} if departure else set())
+        coordination.team_changed((0, 2))
+        assert coordination.departing() == set()
+        assert coordination.view.obstacles == ({cells["c"]} if departure else set())  # it stands there for good
+
+
+def test_a_robot_that_is_to_leave_is_not_asked_for_directions() -> None:
+    messages = {0: at(0, 0, 0, kind=Kind.TRAP), 1: at(1, 2, 0, kind=Kind.STOP), 2: at(2, 1, 2)}
+    for departure, answers in ((False, (1,)), (True, (2,))):
+        for me in (1, 2):
+            coordination, _, _ = team(me)
+            coordination.departure = departure
+            coordination.take_positions({1: messages[1]})
+            assert (coordination.direction_for(0, messages) is not None) == (me in answers)
+    coordination.take_positions({0: at(0, 0, 0, kind=Kind.STOP)})  # a peer's fault: it has stopped, and asks
+    assert coordination.direction_for(0, messages) is not None
+
+
 def test_a_dropped_robot_is_believed_nowhere_and_its_work_is_divided_anew() -> None:
     coordination, algorithm, cells = team()
     coordination.plan()
