@@ -1,18 +1,22 @@
 """What Bluetooth costs against the ideal channel, and the answers to the paper's claims that no number decides."""
 
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
+from cosim.report.comparison import NO_DATA, Answer, by_replicate, confidence_limits, levels, none_fails
 from cosim.report.saving import save
 
 SLOT_MS = 0.625
 PAIRED = ["algorithm", "team_size", "floor", "replicate"]
 COSTS = ["time_to_cover_s", "coverage", "steps", "radio_wait_s", "setup_s"]
+NEAR_ZERO: Final = 0.1
+"""Overlap that counts as near zero: entries of covered cells, a tenth of the cells covered."""
 OVERHEAD = ["messages_help", "messages_answer", "messages_trap", "messages_stop"]
 
 
@@ -62,6 +66,23 @@ def exchange_time(runs: pd.DataFrame, observations: pd.DataFrame) -> tuple[str, 
     return ", ".join(told) or "-", None
 
 
+def near_zero(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether overlap is below ``NEAR_ZERO`` with every team and on every floor, over Bluetooth.
+
+    By one-sided 95 % limits of the mean; a single team and floor that is wholly above refutes it.
+    """
+    words, holds = [], []
+    for floor in levels(runs, "floor"):
+        for size in levels(runs, "team_size"):
+            arm = {"algorithm": algorithm, "channel": "bluetooth", "floor": floor, "team_size": size}
+            found = confidence_limits(by_replicate(runs, arm, "overlap_ratio"))
+            if found.size:
+                words.append(f"{floor} M={size} {found.text()}")
+                known = found.size > 1 and not found.lower <= NEAR_ZERO <= found.upper
+                holds.append(found.upper < NEAR_ZERO if known else None)
+    return ("; ".join(words), none_fails(holds)) if words else NO_DATA
+
+
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw what the radio costs: setting the piconet up, and standing still for messages in each step."""
     if runs.empty or not {"channel", "team_size", "algorithm", "setup_s", "radio_wait_s", "steps"} <= set(runs):
@@ -94,3 +115,9 @@ def _points(plot: Any, label: str, groups: Any) -> None:
     means, counts = groups.mean(), groups.count()
     halves = stats.t.ppf(0.975, counts.clip(lower=2) - 1) * groups.std(ddof=1).fillna(0) / counts**0.5
     plot.errorbar(means.index, means, yerr=halves, marker="o", capsize=3, label=label)
+
+
+# ---------------------------------------------------------------- the tests that published.csv names
+
+ALGORITHMS: Final = ("oscard", "boustrophedon", "spanning_tree", "random_walk")
+globals().update({f"near_zero_{algorithm}": partial(near_zero, algorithm) for algorithm in ALGORITHMS})

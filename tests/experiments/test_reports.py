@@ -121,3 +121,32 @@ def test_claims_speak_of_the_paper(name: str):
     for row in published_claims(experiment_folders()[name]):
         assert "issue" not in row.claim
         assert "report it" not in row.claim
+
+
+def overlaps(of_four: list[float], of_eight: list[float], channel: str = "bluetooth") -> pd.DataFrame:
+    """Return the overlap in replicates of teams of four and of eight on one floor."""
+    return pd.DataFrame(
+        [
+            {"algorithm": "oscard", "channel": channel, "floor": "office", "team_size": size, "replicate": replicate}
+            | {"overlap_ratio": overlap}
+            for size, values in ((4, of_four), (8, of_eight))
+            for replicate, overlap in enumerate(values)
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("of_four", "of_eight", "holds"),
+    [
+        ([0.05, 0.06, 0.04], [0.08, 0.085, 0.09], True),
+        ([0.05, 0.06, 0.04], [0.30, 0.32, 0.31], False),
+        ([0.05, 0.06, 0.04], [0.05, 0.20, 0.04], None),  # its mean is below a tenth, and is not shown to be
+        ([0.05, 0.20, 0.04], [0.30, 0.32, 0.31], False),
+        ([0.05], [0.30], None),  # a single replicate shows nothing
+    ],
+)
+def test_overlap_is_near_zero_if_it_is_so_with_every_team(of_four: list[float], of_eight: list[float], holds: bool):
+    nothing = pd.DataFrame()
+    assert coverage_figures.near_zero("oscard", overlaps(of_four, of_eight), nothing)[1] is holds
+    assert coverage_figures.near_zero("spanning_tree", overlaps(of_four, of_eight), nothing) == ("-", None)
+    assert coverage_figures.near_zero("oscard", overlaps(of_four, of_eight, "ideal"), nothing) == ("-", None)
