@@ -150,3 +150,38 @@ def test_overlap_is_near_zero_if_it_is_so_with_every_team(of_four: list[float], 
     assert coverage_figures.near_zero("oscard", overlaps(of_four, of_eight), nothing)[1] is holds
     assert coverage_figures.near_zero("spanning_tree", overlaps(of_four, of_eight), nothing) == ("-", None)
     assert coverage_figures.near_zero("oscard", overlaps(of_four, of_eight, "ideal"), nothing) == ("-", None)
+
+
+def test_what_each_inquiry_costs_is_told_beside_the_ideal_channel(tmp_path: Path):
+    nothing = pd.DataFrame()
+    setups = {"ideal": 0.0, "bluetooth": 2.0, "bluetooth v1.1": 3.5}
+    runs = pd.DataFrame(
+        [
+            {"algorithm": "oscard", "channel": channel, "team_size": 4, "floor": "office", "replicate": replicate}
+            | {"setup_s": setup_s + replicate, "radio_wait_s": 1.0, "steps": 10.0}
+            for channel, setup_s in setups.items()
+            for replicate in range(3)
+        ]
+    )
+    (table,) = coverage_figures.tables(runs, nothing).values()
+    assert dict(zip(table["channel"], table["setup_s"], strict=True)) == {
+        "bluetooth": "+2 ± 0",
+        "bluetooth v1.1": "+3.5 ± 0",
+    }
+    (alone,) = coverage_figures.tables(runs[runs["channel"] != "bluetooth"], nothing).values()
+    assert alone["channel"].tolist() == ["bluetooth v1.1"]
+    assert coverage_figures.tables(runs[runs["channel"] != "ideal"], nothing) == {}
+    assert [path.name for path in coverage_figures.draw(runs, nothing, tmp_path)] == ["what_bluetooth_costs.png"]
+    drawn = pd.read_csv(tmp_path / "what_bluetooth_costs.numbers.csv")
+    assert set(drawn["series"]) >= {"inquiry of v1.2", "inquiry of v1.1, as in the paper"}
+
+
+def test_both_inquiries_are_in_the_whole_sheet_and_one_in_a_first_look():
+    whole, first = (load_experiment(find_experiment("pseudonet_coverage"), quick=quick) for quick in (False, True))
+    versions = {
+        arm.labels["channel"]: arm.scenario.channel.inquiry_scan.version  # type: ignore[attr-defined]
+        for arm in whole.arms
+        if arm.labels["channel"] != "ideal"
+    }
+    assert versions == {"bluetooth": "1.2", "bluetooth v1.1": "1.1"}
+    assert {arm.labels["channel"] for arm in first.arms} == {"ideal", "bluetooth"}

@@ -80,6 +80,7 @@ def test_a_robot_that_has_departed_stays_where_it_is_and_the_others_go_around_it
         for other in simulation.machines:
             if not other.application.departed:  # type: ignore[attr-defined]
                 assert mine in other.application.coordination.view.obstacles  # type: ignore[attr-defined]
+    assert "RobotDropped" not in set(outcome.trace.columns("events")["event"])
     assert outcome.metrics["robots_dropped"] == 0  # who leaves of its own accord was not lost
     assert outcome.metrics["teams_lost"] == 0
 
