@@ -168,11 +168,6 @@ class Relay:
         """Take part in a new scatternet."""
         self._active = True
 
-    def expect(self, masters: tuple[Address, ...], formation: int, deadline: Time) -> None:
-        """Wait as the root for the reports of *masters*, by number of their piconets, until *deadline*."""
-        self._active = True
-        self.registry.expect(masters, formation, deadline)
-
     def placed(self, census: Census, now: Time) -> None:
         """Report the members of the own piconet."""
         self.registry.note_own(census)
