@@ -129,6 +129,8 @@ class Input(Enum):
     AGREED = auto()
     DONE = auto()
     """Everything is covered, or the step limit is reached."""
+    DEPARTED = auto()
+    """The robot has stopped and leaves its team, or has lost it since it stopped."""
     BROKEN = auto()
     """The team is no more, or goes on without this robot."""
 
@@ -144,6 +146,9 @@ TABLE: Final = {
     (Phase.DECISION, Input.DISAGREED): ("talk_on", Phase.STATE_EXCHANGE),
     (Phase.DECISION, Input.AGREED): ("drive", Phase.STATE_EXCHANGE),
     (Phase.DECISION, Input.DONE): ("finish", Phase.TERMINATION),
+    (Phase.DECISION, Input.DEPARTED): ("finish", Phase.TERMINATION),
+    (Phase.STATE_EXCHANGE, Input.DEPARTED): ("finish", Phase.TERMINATION),
+    (Phase.INITIALISATION, Input.DEPARTED): ("finish", Phase.TERMINATION),
     (Phase.TERMINATION, Input.TEAM): ("stand", Phase.TERMINATION),
     (Phase.TERMINATION, Input.ARRIVED): ("stand", Phase.TERMINATION),
     (Phase.TERMINATION, Input.EXCHANGED): ("stand", Phase.TERMINATION),
@@ -233,6 +238,8 @@ class Application:
         """Call *alone*, with the robots that are known to be dead, when this robot has lost its team."""
         self.me = me
         self.finished = False
+        self.departed = False
+        """True if the robot has stopped and left its team, which may go on."""
         self.phase = Phase.INITIALISATION
         self.steps = 0
         self.begin_at: Time | None = None
@@ -266,9 +273,13 @@ class Application:
 
     def break_up(self, dead: tuple[Address, ...], now: Time) -> None:
         """Process the loss of the team; the robots *dead* are known to be gone."""
-        if not self.finished:
-            self.stand_by(now)
-            self._alone(dead, now)
+        if self.finished:
+            return
+        if self.coordination.departure and self.coordination.dormant:
+            self._depart(now)
+            return
+        self.stand_by(now)
+        self._alone(dead, now)
 
     def stand_by(self, now: Time) -> None:
         """Leave the team and wait to be called up again."""
@@ -336,7 +347,7 @@ class Application:
     def _team_changed(self, members: tuple[Address, ...], now: Time) -> None:
         if self.finished:
             return
-        for gone in sorted(set(self.coordination.view.members) - set(members)):
+        for gone in sorted(set(self.coordination.view.members) - set(members) - self.coordination.departing()):
             self.events.note(RobotDropped(gone))
         self.counters.team(now)
         self.events.note(TeamFormed(len(members), self.broadcast.piconets))
@@ -404,12 +415,32 @@ class Application:
             self.coordination.plan()
             self._evaluate()
             self._talk_on(now)
+        elif departing := self._departing():
+            self._part_with(departing, now)
         elif accepted(messages.values()):
             self._agreed(messages, now)
         else:
             self._answer_those_in_trouble(messages)
             self._speak(self.coordination.negotiate(messages))
             self._talk_on(now)
+
+    def _departing(self) -> tuple[Address, ...]:
+        """Return who leaves the team now: those who have stopped, but for those on whose radio the others depend."""
+        return tuple(sorted(filter(self.broadcast.dispensable, self.coordination.departing())))
+
+    def _part_with(self, departing: tuple[Address, ...], now: Time) -> None:
+        """Leave the team, or go on without *departing* once the master has called the roll."""
+        if self.me in departing:
+            self._depart(now)
+            return
+        self._input(Input.DISAGREED, now)
+        if self.broadcast.leads():
+            self.broadcast.release(departing, now)
+
+    def _depart(self, now: Time) -> None:
+        self.departed = True
+        self._input(Input.DEPARTED, now)
+        self.broadcast.leave()
 
     def _answer_those_in_trouble(self, messages: Mapping[Address, Message]) -> None:
         for asker, message in messages.items():

@@ -161,6 +161,15 @@ class Broadcast:
         self._join((self.exchange + 2) % EXCHANGES)
         self.polls.stop()
 
+    def dispensable(self, robot: Address) -> bool:
+        """Return whether the others can talk without *robot*, a member: not without the master."""
+        return robot != self.master
+
+    def release(self, robots: tuple[Address, ...], now: Time) -> None:
+        """Let *robots* go, as the master, and announce the new team: they are polled no more."""
+        self.out += [Disconnect(robot) for robot in robots]
+        self._announce(tuple(member for member in self.members if member not in robots), now)
+
     def wake(self, now: Time) -> None:
         """Drop the polled slave when its time is over; as a slave, ask for what is missing."""
         if self.leads():
@@ -233,8 +242,7 @@ class Broadcast:
     def _drop(self, slave: Address, now: Time) -> None:
         """Drop *slave* and announce the new team."""
         # a robot that misses its poll is unlikely to come back (section IV.A)
-        self.out.append(Disconnect(slave))
-        self._announce(tuple(member for member in self.members if member != slave), now)
+        self.release((slave,), now)
 
     def _refuse(self, reason: str, reception: Reception, now: Time) -> None:
         self._upcall(Garbage(reason), now)

@@ -6,6 +6,11 @@ then the one with the lower number; the others drop theirs, evaluate again and c
 next cell is the present one of another always gives way: a body stands there. When no conflict is left all robots
 answer *accept*, and the step is made: that exchange is the one in which the state equals the previous state (Fig. 9a).
 
+The stop message is sent "to indicate its departure from the team" (section III.A): with *departure* the team goes on
+without a robot that has stopped, which stays where it is for good, and all others go around it. A robot on whose radio
+others depend, a master or a bridge, has to stay a member (section V: robots remain active in communication, or hopping
+would not be synchronous); it is asked for no directions any more, and covers nothing.
+
 The place of a robot that was never found, or was dropped, is unknown: it may have made its last step or not. A robot
 that cannot enter a cell turns back and reports that step as a wall; the whole team goes around that cell then. The
 obstacle may have been a robot that only passed by: before the team gives up cells as unreachable, it tries again.
@@ -83,7 +88,17 @@ def helper(asker: Address, messages: Mapping[Address, Message]) -> Address | Non
 class Coordination:
     """One robot's picture of the team and its coverage algorithm."""
 
-    def __init__(self, setup: Setup, me: Address, algorithm: Algorithm, stop_at: int | None, rounds: int = 0) -> None:
+    def __init__(
+        self,
+        setup: Setup,
+        me: Address,
+        algorithm: Algorithm,
+        stop_at: int | None,
+        rounds: int = 0,
+        departure: bool = False,
+    ) -> None:
+        self.departure = departure
+        """True if who stops leaves the team."""
         self.view = View(setup, me)
         self.evaluation = Evaluation(Action.STAY, UNJUDGED)
         self.own_cells = 0
@@ -150,6 +165,10 @@ class Coordination:
     def _all_stopped(self) -> bool:
         return self._stop_at is not None and self._stopped.issuperset(self.view.members)
 
+    def departing(self) -> set[Address]:
+        """Return the members that have stopped and are to leave the team; none unless a stop is a departure."""
+        return self._stopped & set(self.view.members) if self.departure else set()
+
     def try_again(self) -> bool:
         """Forget the obstacles before cells that are left, and return True; at most *rounds* times for a team."""
         left = len(self._setup.cells) > len(self.view.covered)
@@ -161,9 +180,15 @@ class Coordination:
         return True
 
     def team_changed(self, members: tuple[Address, ...]) -> None:
-        """Take over a new team: forget the places of robots that are gone, and the intentions of the old team."""
+        """Take over a new team: forget the places of robots that are gone, and the intentions of the old team.
+
+        A robot that has stopped and left stands where it was: its cell is an obstacle from now on.
+        """
+        departed = self.departing()
         for gone in set(self.view.cells) - set(members) - {self.view.me}:
-            self.view.cells.pop(gone)
+            cell = self.view.cells.pop(gone)
+            if gone in departed:
+                self.view.obstacles |= {cell}
         self.view.members = members
         self.view.omitted.clear()
         self.plan_due = True
@@ -230,6 +255,7 @@ class Coordination:
 
     def direction_for(self, asker: Address, messages: Mapping[Address, Message]) -> Cell | None:
         """Return the cell to direct *asker* to, if this robot is to answer and knows an uncovered cell; else None."""
-        if helper(asker, messages) != self.view.me:
+        asked = messages.keys() - self.departing() | {asker}
+        if helper(asker, {robot: messages[robot] for robot in asked}) != self.view.me:
             return None
         return self.view.nearest_uncovered(self.view.cells[asker])

@@ -109,6 +109,16 @@ class Relay:
         self._join((self.exchange + 2) % EXCHANGES)
         self._ask_at = self._stall_at = None
 
+    def dispensable(self, robot: Address) -> bool:
+        """Return whether the others can talk without *robot*, a member: not without a master or a bridge."""
+        return self.registry.directory.is_plain(robot)
+
+    def release(self, robots: tuple[Address, ...], now: Time) -> None:
+        """Let *robots* go, which all are dispensable, and call the roll of the others, as the root."""
+        without = self.registry.roll_without(robots)
+        if without is not None:
+            self._call_roll(without, now)
+
     def fate(self, fate: Fate, now: Time) -> None:
         """Ignore fates: nothing that this layer sends has a token."""
 
@@ -157,11 +167,6 @@ class Relay:
     def enter(self) -> None:
         """Take part in a new scatternet."""
         self._active = True
-
-    def expect(self, masters: tuple[Address, ...], formation: int, deadline: Time) -> None:
-        """Wait as the root for the reports of *masters*, by number of their piconets, until *deadline*."""
-        self._active = True
-        self.registry.expect(masters, formation, deadline)
 
     def placed(self, census: Census, now: Time) -> None:
         """Report the members of the own piconet."""

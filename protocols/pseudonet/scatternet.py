@@ -348,7 +348,8 @@ class Scatternet(Bluetooth):
         attempts = self._page_attempts + MORE_ATTEMPTS
         self._jobs = [Job(peer, attempts) for peer in self._design[0].slaves if peer not in masters]
         deadline = now + self._times.stagger
-        self._relay.expect(tuple(piconet.master for piconet in self._design), self._formation, deadline)
+        self._relay.enter()
+        self._relay.registry.expect(tuple(piconet.master for piconet in self._design), self._formation, deadline)
 
     def _assign(self, now: Time) -> None:
         self._finish_design(now)

@@ -50,7 +50,11 @@ METRICS = (
     Metric("page_s", "s", "from asking for a link to the answer, as the hosts that ask see it, all pages"),
     Metric("reform_s", "s", "from the loss of a team until the next one makes a step, mean over robots and losses"),
     Metric("teams_lost", "1", "how often a robot has lost its team, summed over robots"),
-    Metric("robots_dropped", "1", "robots that are not in the largest team at the end"),
+    Metric(
+        "robots_dropped",
+        "1",
+        "robots that are not in the largest team at the end and have not left one of their own accord",
+    ),
 )
 
 
@@ -124,7 +128,8 @@ def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Ge
     if step_limit is None and parameters.algorithm not in PLANNERS:
         step_limit = FREE_STEPS * share
     stop_at = None if parameters.algorithm in PLANNERS else math.ceil(parameters.stop_ratio * len(setup.cells))
-    coordination = Coordination(setup, me, algorithm(parameters, stream), stop_at, parameters.rounds)
+    chosen = algorithm(parameters, stream)
+    coordination = Coordination(setup, me, chosen, stop_at, parameters.rounds, parameters.departure)
     return Pseudonet(parameters, setup, me, coordination, step_limit, start)
 
 
@@ -144,7 +149,9 @@ def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
     led = sum(record.led for record in counters)
     setups = [record.setup for record in counters if record.setup is not None]
     resumed = sum(record.resumed for record in counters)
-    finished = [each for each in applications if each.finished] or applications
+    departed = {each.me for each in applications if each.departed}
+    finished = [each for each in applications if each.finished and not each.departed] or applications
+    largest = max(len(set(each.broadcast.members) - departed) for each in finished)
     sums = {
         f"messages_{kind.name.lower()}": float(sum(each.messaging.sent[kind] for each in applications))
         for kind in MESSAGE_KINDS
@@ -160,7 +167,7 @@ def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
         "teams_lost": float(sum(record.breaks for record in counters)),
         "inquiry_s": to_seconds(sum(machine.bluetooth.inquiry_time for machine in machines)),
         "page_s": to_seconds(sum(machine.bluetooth.page_time for machine in machines)),
-        "robots_dropped": float(len(machines) - max(len(each.broadcast.members) for each in finished)),
+        "robots_dropped": float(len(machines) - len(departed) - largest),
     }
 
 

@@ -121,3 +121,67 @@ def test_claims_speak_of_the_paper(name: str):
     for row in published_claims(experiment_folders()[name]):
         assert "issue" not in row.claim
         assert "report it" not in row.claim
+
+
+def overlaps(of_four: list[float], of_eight: list[float], channel: str = "bluetooth") -> pd.DataFrame:
+    """Return the overlap in replicates of teams of four and of eight on one floor."""
+    return pd.DataFrame(
+        [
+            {"algorithm": "oscard", "channel": channel, "floor": "office", "team_size": size, "replicate": replicate}
+            | {"overlap_ratio": overlap}
+            for size, values in ((4, of_four), (8, of_eight))
+            for replicate, overlap in enumerate(values)
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("of_four", "of_eight", "holds"),
+    [
+        ([0.05, 0.06, 0.04], [0.08, 0.085, 0.09], True),
+        ([0.05, 0.06, 0.04], [0.30, 0.32, 0.31], False),
+        ([0.05, 0.06, 0.04], [0.05, 0.20, 0.04], None),  # its mean is below a tenth, and is not shown to be
+        ([0.05, 0.20, 0.04], [0.30, 0.32, 0.31], False),
+        ([0.05], [0.30], None),  # a single replicate shows nothing
+    ],
+)
+def test_overlap_is_near_zero_if_it_is_so_with_every_team(of_four: list[float], of_eight: list[float], holds: bool):
+    nothing = pd.DataFrame()
+    assert coverage_figures.near_zero("oscard", overlaps(of_four, of_eight), nothing)[1] is holds
+    assert coverage_figures.near_zero("spanning_tree", overlaps(of_four, of_eight), nothing) == ("-", None)
+    assert coverage_figures.near_zero("oscard", overlaps(of_four, of_eight, "ideal"), nothing) == ("-", None)
+
+
+def test_what_each_inquiry_costs_is_told_beside_the_ideal_channel(tmp_path: Path):
+    nothing = pd.DataFrame()
+    setups = {"ideal": 0.0, "bluetooth": 2.0, "bluetooth v1.1": 3.5}
+    runs = pd.DataFrame(
+        [
+            {"algorithm": "oscard", "channel": channel, "team_size": 4, "floor": "office", "replicate": replicate}
+            | {"setup_s": setup_s + replicate, "radio_wait_s": 1.0, "steps": 10.0}
+            for channel, setup_s in setups.items()
+            for replicate in range(3)
+        ]
+    )
+    (table,) = coverage_figures.tables(runs, nothing).values()
+    assert dict(zip(table["channel"], table["setup_s"], strict=True)) == {
+        "bluetooth": "+2 ± 0",
+        "bluetooth v1.1": "+3.5 ± 0",
+    }
+    (alone,) = coverage_figures.tables(runs[runs["channel"] != "bluetooth"], nothing).values()
+    assert alone["channel"].tolist() == ["bluetooth v1.1"]
+    assert coverage_figures.tables(runs[runs["channel"] != "ideal"], nothing) == {}
+    assert [path.name for path in coverage_figures.draw(runs, nothing, tmp_path)] == ["what_bluetooth_costs.png"]
+    drawn = pd.read_csv(tmp_path / "what_bluetooth_costs.numbers.csv")
+    assert set(drawn["series"]) >= {"inquiry of v1.2", "inquiry of v1.1, as in the paper"}
+
+
+def test_both_inquiries_are_in_the_whole_sheet_and_one_in_a_first_look():
+    whole, first = (load_experiment(find_experiment("pseudonet_coverage"), quick=quick) for quick in (False, True))
+    versions = {
+        arm.labels["channel"]: arm.scenario.channel.inquiry_scan.version  # type: ignore[attr-defined]
+        for arm in whole.arms
+        if arm.labels["channel"] != "ideal"
+    }
+    assert versions == {"bluetooth": "1.2", "bluetooth v1.1": "1.1"}
+    assert {arm.labels["channel"] for arm in first.arms} == {"ideal", "bluetooth"}

@@ -12,6 +12,12 @@ Readings of what the paper leaves open:
   the cell that the answer names.
 - Revisiting: the cell that it stands in occurs *revisits* times among the last *history* cells. The robot sends trap
   with its trail, stands still for that step, and without an answer makes *k_forced* steps in a random direction.
+
+When nobody answers. All robots of a team hear all messages of an exchange and know the same covered cells, so exactly
+one of those that do not ask themselves answers, unless no uncovered cell can be reached from the asker. The forced
+steps are therefore made in three cases and no other, as long as no answer is lost: a robot is alone; all robots of the
+team ask in one exchange, which two robots do often and eight hardly ever; obstacles cut the asker off from all cells
+that are left. A robot that has stopped and left its team does not answer either: the last one is alone.
 """
 
 from collections import deque

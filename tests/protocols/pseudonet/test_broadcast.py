@@ -143,6 +143,24 @@ def test_a_slave_whose_answers_stay_empty_is_dropped() -> None:
         assert robot.exchanged[-1].messages.keys() == {0, 2}
 
 
+def test_a_slave_that_is_released_is_polled_no_more_and_the_exchange_of_the_others_is_shorter() -> None:
+    air = PaperAir(3)
+    air.assemble()
+    air.run()
+    before = len(air.air)
+    master = air.robots[0].room
+    assert [robot for robot in master.members if master.dispensable(robot)] == [1, 2]
+    master.release((1,), air.now)
+    air.run()
+    assert not air.robots[1].alive  # its link is taken down
+    later = air.air[before:]
+    assert not [frame for frame in later if 1 in frame[:2]]
+    assert len(later) == 5  # the new roll; the master's message; a poll, its answer, and the answer for all
+    for robot in (air.robots[0], air.robots[2]):
+        assert robot.heard[-2] == TeamChanged((0, 2))
+        assert robot.exchanged[-1].messages.keys() == {0, 2}
+
+
 def test_a_poll_without_an_answer_ends_when_its_time_is_over() -> None:
     air = PaperAir(3)
     air.robots[1].alive = False

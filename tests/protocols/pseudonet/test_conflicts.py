@@ -1,6 +1,7 @@
 """The rules of section VI: who may enter a cell that two want, who answers whom, and when a step is agreed on."""
 
 from dataclasses import replace
+from itertools import product
 
 import pytest
 
@@ -213,6 +214,61 @@ def test_the_nearest_robot_names_the_nearest_uncovered_cell() -> None:
         coordination, _, cells = team(me)
         coordination.view.covered |= {cells[name] for name in "abcd"}
         assert coordination.direction_for(0, messages) == (cells[expected] if expected else None)
+
+
+QUIET = (at(0, 0, 0), at(0, 0, 0, Action.EAST, Kind.HELP), at(0, 0, 0, kind=Kind.STOP))
+ASKING = (at(0, 0, 0, kind=Kind.TRAP), at(0, 0, 0, kind=Kind.HELP))
+PLACES = ((0, 0), (2, 0), (1, 2))
+
+
+@pytest.mark.parametrize("asker", [0, 1, 2])
+def test_who_asks_is_answered_by_one_robot_unless_all_ask_at_once(asker: int) -> None:
+    others = [robot for robot in range(3) if robot != asker]
+    for said in product(QUIET + ASKING, repeat=2):
+        spoken = {asker: ASKING[0], **dict(zip(others, said, strict=True))}
+        messages = {
+            robot: replace(m, source=robot, x=PLACES[robot][0], y=PLACES[robot][1]) for robot, m in spoken.items()
+        }
+        answers = []
+        for me in range(3):
+            coordination, _, cells = team(me)
+            coordination.view.covered |= set(cells.values()) - {cells["e"]}
+            answers.append(coordination.direction_for(asker, messages))
+        expected = 0 if set(said) <= set(ASKING) else 1
+        assert answers.count(cells["e"]) == expected, messages
+        assert answers.count(None) == 3 - expected
+
+
+def test_who_is_cut_off_from_all_that_is_left_is_not_answered() -> None:
+    coordination, _, cells = team(1)
+    coordination.view.covered |= set(cells.values()) - {cells["i"]}
+    messages = {0: at(0, 0, 0, kind=Kind.TRAP), 1: at(1, 2, 0), 2: at(2, 1, 2)}
+    assert coordination.direction_for(0, messages) == cells["i"]
+    coordination.view.obstacles = frozenset({cells["b"], cells["d"]})
+    assert coordination.direction_for(0, messages) is None
+
+
+def test_who_has_stopped_is_to_leave_only_where_a_stop_is_a_departure() -> None:
+    for departure in (False, True):
+        coordination, _, cells = team()
+        coordination.departure = departure
+        coordination.take_positions({0: at(0, 0, 0), 1: at(1, 2, 0, kind=Kind.STOP), 2: at(2, 1, 2)})
+        assert coordination.departing() == ({1} if departure else set())
+        coordination.team_changed((0, 2))
+        assert coordination.departing() == set()
+        assert coordination.view.obstacles == ({cells["c"]} if departure else set())  # it stands there for good
+
+
+def test_a_robot_that_is_to_leave_is_not_asked_for_directions() -> None:
+    messages = {0: at(0, 0, 0, kind=Kind.TRAP), 1: at(1, 2, 0, kind=Kind.STOP), 2: at(2, 1, 2)}
+    for departure, answers in ((False, (1,)), (True, (2,))):
+        for me in (1, 2):
+            coordination, _, _ = team(me)
+            coordination.departure = departure
+            coordination.take_positions({1: messages[1]})
+            assert (coordination.direction_for(0, messages) is not None) == (me in answers)
+    coordination.take_positions({0: at(0, 0, 0, kind=Kind.STOP)})  # a peer's fault: it has stopped, and asks
+    assert coordination.direction_for(0, messages) is not None
 
 
 def test_a_dropped_robot_is_believed_nowhere_and_its_work_is_divided_anew() -> None:

@@ -78,7 +78,8 @@ class Table:
         masters = tuple(piconet.master for piconet in self.piconets)
         for member in self.members.values():
             member.room.enter()
-        self.members[root].room.expect(masters, 1, 1_000_000)
+        self.members[root].room.enter()
+        self.members[root].room.registry.expect(masters, 1, 1_000_000)
         for number, piconet in enumerate(self.piconets):
             census = Census(False, 0, 0, number, len(self.piconets), root, 1, piconet)
             self.members[piconet.master].room.placed(census, self.now)
@@ -217,7 +218,8 @@ def test_a_silent_master_breaks_the_scatternet_up_and_is_named() -> None:
 def test_masters_that_do_not_report_are_named_when_the_formation_is_given_up() -> None:
     table = Table(scatternet("tree", 9))
     room = table.members[0].room
-    room.expect((0, 1, 2), 1, 500)
+    room.enter()
+    room.registry.expect((0, 1, 2), 1, 500)
     room.placed(Census(False, 0, 0, 0, 3, 0, 1, table.piconets[0]), 0)
     for member in table.members.values():
         member.room.enter()
@@ -233,7 +235,8 @@ def test_masters_that_do_not_report_are_named_when_the_formation_is_given_up() -
 def test_a_report_of_an_earlier_formation_is_not_taken() -> None:
     table = Table(scatternet("tree", 5))
     room = table.members[0].room
-    room.expect((0, 1), 2, 500)
+    room.enter()
+    room.registry.expect((0, 1), 2, 500)
     room.placed(Census(False, 0, 0, 0, 2, 0, 2, table.piconets[0]), 0)
     old = Census(False, 3, 0, 1, 2, 0, 1, table.piconets[1])
     room.receive(encode(old, room.registry.directory), Reception(1, False), 1)

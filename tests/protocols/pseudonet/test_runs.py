@@ -110,6 +110,14 @@ def test_the_complete_algorithms_cover_a_generated_office(algorithm: str, channe
     check_covered(*run(scenario(algorithm, 4, channel, OFFICE)))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("size", "seed", "matter"), [(1, 900_001, True), (2, 900_001, True), (2, 900_002, False)])
+def test_the_forced_steps_matter_where_nobody_is_left_to_answer(size: int, seed: int, matter: bool) -> None:
+    # a robot alone, and two that are in trouble at the same time; in the last world one of two could always answer
+    steps = [run(scenario("oscard", size, k_forced=k_forced), seed, ())[1].metrics["steps"] for k_forced in (2, 16)]
+    assert (steps[0] != steps[1]) == matter
+
+
 def on_map(name: str, algorithm: str, channel: str) -> None:
     path = MAPS / name
     if not path.is_file():

@@ -28,6 +28,7 @@ MISUSE = {
         (Phase.TERMINATION, application.Input.DISAGREED),
         (Phase.TERMINATION, application.Input.AGREED),
         (Phase.TERMINATION, application.Input.DONE),
+        (Phase.TERMINATION, application.Input.DEPARTED),
     },
     bluetooth: {
         pair
