@@ -30,8 +30,9 @@ DATA: Final = frozenset(
     for ending in ["yaml", "yml", "json", "toml", "csv", "txt", "npy", "npz", "map", "pgm", "ppm", "png", "parquet"]
 )
 """Endings of the data files of a package that may decide a run."""
-NOT_DATA: Final = frozenset({"published.csv", "sweep.yaml", "verdicts.csv"})
-"""Files with such an ending that no run reads: what a paper printed, what a sweep is (settings are in the key)."""
+NOT_DATA: Final = frozenset({"published.csv", "sweep.yaml", "verdicts.csv", "variations.csv", "decides.csv"})
+"""Files with such an ending that no run reads: what a paper printed and became of it, what a sweep is (settings are in
+the key)."""
 NOT_COMPUTING: Final = frozenset(
     ["click", "matplotlib", "PIL", "pyarrow", "pytest", "rich", "starlette", "uvicorn", "yaml"]
 )

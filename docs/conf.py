@@ -31,7 +31,8 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"cosim {release}"
 html_static_path = ["_static"]
 html_css_files = ["handbook.css"]
-html_sidebars = {page: [] for page in ("index", "tutorial", "validation", "architecture")}  # no section to walk through
+# no section to walk through
+html_sidebars = {page: [] for page in ("index", "tutorial", "validation", "claims", "architecture")}
 html_copy_source = False
 html_show_sourcelink = False
 html_last_updated_fmt = None

@@ -5,7 +5,11 @@
 
 It reads the results of a sweep with an axis ``choice`` and judges each claim of the published.csv beside that sweep for
 the runs of each choice alone. claims_by_choice.csv and its picture go into the folder of the results. Claims about arms
-that the sweep does not have are left out.
+that the sweep does not have are left out. With ``--keep`` the verdicts of a whole sheet go into variations.csv beside
+the published.csv, from where ``cosim.report.claims_page`` takes them.
+
+Where the runs of a choice alone do not do, a function ``of_choice`` in figures.py says which runs a claim is judged by:
+(runs, choice, the claim's id) -> runs.
 """
 
 import argparse
@@ -18,31 +22,43 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.errors import UserError
-from cosim.experiment import experiment_folders
-from cosim.report.claims import judge, published_claims
+from cosim.experiment import experiment_folders, load_experiment
+from cosim.report.claims import Verdict, judge, published_claims
 from cosim.report.figures_module import load_figures
+from cosim.report.kept import KeptVariation, keep_variations
 from cosim.report.saving import save
-from cosim.results import RunStore
+from cosim.results import RunStore, SweepDescription
 
 COLOURS: Final = {"holds": "C0", "fails": "C1", "open": "0.8", "not comparable": "0.9"}
 """Colours of the verdicts that are drawn."""
 
 
-def verdicts(runs: pd.DataFrame, experiment: Path | None) -> pd.DataFrame:
-    """Return the verdict on each claim of the folder *experiment*, a row each, by choice, a column each.
+def judged(runs: pd.DataFrame, experiment: Path | None) -> dict[str, list[Verdict]]:
+    """Return the verdicts on the claims of the folder *experiment*, in their order, by choice.
 
     Claims that have no data with any choice are left out.
     """
-    figures = load_figures(experiment)
-    rows = {}
-    for claim in published_claims(experiment):
-        row = {
-            str(choice): judge(claim, part, pd.DataFrame(), figures).verdict
-            for choice, part in runs.groupby("choice", sort=False)
-        }
-        if set(row.values()) - {"no data"}:
-            rows[claim.id] = row
-    return pd.DataFrame.from_dict(rows, orient="index")
+    figures, claims = load_figures(experiment), published_claims(experiment)
+    chosen = getattr(figures, "of_choice", _alone)
+    found = {
+        choice: [judge(each, chosen(runs, choice, each.id), pd.DataFrame(), figures) for each in claims]
+        for choice in runs["choice"].astype(str).unique()
+    }
+    answered = {each.id for row in found.values() for each in row if each.verdict != "no data"}
+    return {choice: [each for each in row if each.id in answered] for choice, row in found.items()}
+
+
+def _alone(runs: pd.DataFrame, choice: str, claim: str) -> pd.DataFrame:
+    return runs[runs["choice"].astype(str) == choice]
+
+
+def _words(found: dict[str, list[Verdict]]) -> pd.DataFrame:
+    return pd.DataFrame({choice: {each.id: each.verdict for each in row} for choice, row in found.items()})
+
+
+def verdicts(runs: pd.DataFrame, experiment: Path | None) -> pd.DataFrame:
+    """Return the words of :func:`judged`, a row a claim, a column a choice."""
+    return _words(judged(runs, experiment))
 
 
 def draw_verdicts(found: pd.DataFrame, folder: Path) -> list[Path]:
@@ -68,27 +84,51 @@ def main(words: Sequence[str] | None = None) -> None:
     """Print and write the verdicts on the results that the words of the command line name."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("results", type=Path)
-    folder: Path = parser.parse_args(words).results
+    parser.add_argument("--keep", action="store_true", help="keep them beside the published.csv, in variations.csv")
+    given = parser.parse_args(words)
+    folder: Path = given.results
     try:
-        found = _judged(folder)
+        sweep, runs, source = _read(folder)
+        if given.keep:
+            _check_whole(folder, sweep, runs)
+        found = judged(runs[runs["status"] == "done"], source)
+        written = [_kept(sweep, found, source)] if given.keep and source else []
     except UserError as error:
         parser.exit(2, f"{error}\n")
-    table = folder / "claims_by_choice.csv"
-    found.to_csv(table)
-    print(f"claims by choice\n\n{found.to_string()}\n")
-    print(table, *draw_verdicts(found, folder), sep="\n")
+    table = _words(found)
+    table.to_csv(folder / "claims_by_choice.csv")
+    print(f"claims by choice\n\n{table.to_string()}\n")
+    print(folder / "claims_by_choice.csv", *draw_verdicts(table, folder), *written, sep="\n")
 
 
-def _judged(folder: Path) -> pd.DataFrame:
-    """Return the verdicts on the results in *folder*; raise UserError for what is wrong with them."""
+def _read(folder: Path) -> tuple[SweepDescription, pd.DataFrame, Path | None]:
+    """Return the sweep in *folder*, its runs, and the experiment's folder; raise UserError for what is wrong."""
     store = RunStore(folder)
-    runs = store.present()
-    source = Path(store.description().source).parent
+    sweep, runs = store.description(), store.present()
     if "choice" not in runs:
         raise UserError(f"{folder}: the sweep has no axis choice")
-    return verdicts(
-        runs[runs["status"] == "done"], source if source.is_dir() else experiment_folders().get(source.name)
-    )
+    source = Path(sweep.source).parent
+    return sweep, runs, source if source.is_dir() else experiment_folders().get(source.name)
+
+
+def _check_whole(folder: Path, sweep: SweepDescription, runs: pd.DataFrame) -> None:
+    """Raise UserError unless *runs* are all that the sheet of *sweep* asks for."""
+    sheet = load_experiment(Path(sweep.source))
+    arms = tuple(arm.configuration for arm in sheet.arms)
+    if arms != sweep.configurations or sweep.replicates < sheet.replicates or len(runs) < sweep.runs:
+        raise UserError(f"{folder}: --keep: keeps the verdicts of whole sheets, this is not all of {sweep.source}")
+
+
+def _kept(sweep: SweepDescription, found: dict[str, list[Verdict]], experiment: Path) -> Path:
+    """Write the verdicts *found* of *sweep* beside the published.csv in *experiment*; return the file."""
+    sheet = Path(sweep.source).stem
+    rows = [
+        KeptVariation(sheet, choice, each.id, each.verdict, each.ours, str(sweep.replicates), sweep.code)
+        for choice, row in found.items()
+        for each in row
+        if each.verdict != "no data"
+    ]
+    return keep_variations(experiment, sheet, rows)
 
 
 if __name__ == "__main__":

@@ -78,6 +78,11 @@ class Claim(Settings):
     place: str = "published.csv"
     """Place of the row, for errors."""
 
+    @property
+    def printed(self) -> str:
+        """The printed value, with its unit."""
+        return f"{self.published} {self.unit.removeprefix('1')}".strip()
+
     @field_validator("test")
     @classmethod
     def _known(cls, test: str) -> str:
@@ -184,8 +189,7 @@ def judge(claim: Claim, runs: pd.DataFrame, seen: pd.DataFrame, figures: ModuleT
 
 
 def _verdict(claim: Claim, ours: str, word: str, reason: str) -> Verdict:
-    published = f"{claim.published} {claim.unit.removeprefix('1')}".strip()
-    return Verdict(claim.id, claim.claim, published, ours, word, reason, claim.test)
+    return Verdict(claim.id, claim.claim, claim.printed, ours, word, reason, claim.test)
 
 
 def _word(holds: bool | None) -> str:

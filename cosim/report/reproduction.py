@@ -9,10 +9,8 @@ The verdicts of a whole sheet may be kept beside its published.csv, in ``verdict
 lists where it says something else.
 """
 
-import csv
-import io
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +19,10 @@ from cosim.experiment import experiment_folders, find_experiment, load_experimen
 from cosim.report.claims import published_claims
 from cosim.report.experiment_page import write_page
 from cosim.report.index_page import index_page
+from cosim.report.kept import KeptVerdict, csv_text, keep_verdicts, kept_verdicts
 from cosim.report.page import VERDICTS
 from cosim.report.sweep_report import report
-from cosim.report.tried import KEPT, KEPT_COLUMNS, Judged, Tried, index_rows, kept_verdicts
+from cosim.report.tried import Judged, Tried, index_rows
 from cosim.sweep import Progress, run_sweep
 from cosim.trace import drafted
 
@@ -83,7 +82,7 @@ class Reproduction:
         with drafted(self.folder / "index.html") as draft:
             draft.write_text(index_page(self.tried, self.quick), encoding="utf-8")
         with drafted(self.folder / "index.csv") as draft:
-            draft.write_text(_csv(Judged._fields, self.rows()), encoding="utf-8")
+            draft.write_text(csv_text(Judged._fields, self.rows()), encoding="utf-8")
 
     def keep_verdicts(self) -> list[Path]:
         """Write the verdicts beside each published.csv, as those of its whole sheet; return the files."""
@@ -92,10 +91,11 @@ class Reproduction:
             if each.made is None or each.made.sweep is None or not each.claims:
                 continue
             sweep = each.made.sweep
-            rows = [(found.id, found.verdict, found.ours, sweep.replicates, sweep.code) for found in each.made.verdicts]
-            files.append(each.source.parent / KEPT)
-            with drafted(files[-1]) as draft:
-                draft.write_text(_csv(KEPT_COLUMNS, rows), encoding="utf-8")
+            rows = [
+                KeptVerdict(found.id, found.verdict, found.ours, str(sweep.replicates), sweep.code)
+                for found in each.made.verdicts
+            ]
+            files.append(keep_verdicts(each.source.parent, rows))
         return files
 
     @property
@@ -121,9 +121,3 @@ class Reproduction:
             "claims": [row._asdict() for row in self.rows()],
             "disagreeing": [f"{row.experiment}: {row.id}" for row in self.rows() if row.disagrees],
         }
-
-
-def _csv(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    file = io.StringIO(newline="")
-    csv.writer(file, lineterminator="\n").writerows([names, *rows])
-    return file.getvalue()

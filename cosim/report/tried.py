@@ -1,21 +1,14 @@
 """What became of each experiment of a reproduction, and of each claim."""
 
-import csv
-import io
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
-from cosim.documents import read_text
-from cosim.errors import UserError
 from cosim.report.claims import Claim, Verdict
+from cosim.report.kept import KeptVerdict
 from cosim.report.page import UNDECIDED
 from cosim.report.sweep_report import Report
-
-KEPT: Final = "verdicts.csv"
-"""The file, beside published.csv, of the verdicts of a whole sheet."""
-KEPT_COLUMNS: Final = ("id", "verdict", "ours", "replicates", "code")
 
 
 class Judged(NamedTuple):
@@ -47,7 +40,7 @@ class Tried:
     source: Path
     """Its sweep.yaml."""
     claims: list[Claim] = field(default_factory=list)
-    whole: dict[str, str] = field(default_factory=dict)
+    whole: dict[str, KeptVerdict] = field(default_factory=dict)
     """The verdicts that are kept of a whole sheet, by the ids of claims."""
     made: Report | None = None
     runs: int = 0
@@ -60,7 +53,7 @@ class Tried:
         return [
             Judged(
                 *(claim.paper, claim.section, self.name, claim.id, claim.claim, found.published, found.ours),
-                *(found.verdict, found.reason, self.whole.get(claim.id, "")),
+                *(found.verdict, found.reason, self.whole[claim.id].verdict if claim.id in self.whole else ""),
             )
             for claim, found in zip(self.claims, self.verdicts(), strict=True)
         ]
@@ -84,14 +77,3 @@ def index_rows(tried: Iterable[Tried]) -> list[Judged]:
     """Return the index: all claims, paper by paper."""
     rows = [row for each in tried for row in each.rows()]
     return sorted(rows, key=lambda row: (not row.paper[:1].isdigit(), row.paper))  # stable: as they stand in a file
-
-
-def kept_verdicts(folder: Path) -> dict[str, str]:
-    """Return the verdicts that are kept in *folder* of the whole sheet, if they are, by the ids of claims."""
-    path = folder / KEPT
-    if not path.is_file():
-        return {}
-    rows = csv.DictReader(io.StringIO(read_text(path), newline=""))
-    if tuple(rows.fieldnames or ()) != KEPT_COLUMNS:
-        raise UserError(f"{path}: expected the columns {', '.join(KEPT_COLUMNS)}")
-    return {row["id"]: row["verdict"] for row in rows}

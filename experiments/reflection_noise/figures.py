@@ -17,6 +17,7 @@ from cosim.report.drawing import legend_outside, limit_ordinate
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
 from cosim.statistics.intervals import estimate
+from experiments.reflection.choices import of_choice as of_choice  # by_choice asks for it
 from experiments.reflection.tables import ALGORITHMS, FLOORS, NAMES, SIZES, STEPS, cells, with_steps
 
 ERRORS: Final = ("0", "0.1", "0.2", "0.3", "0.4")

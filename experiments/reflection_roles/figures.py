@@ -18,6 +18,7 @@ from cosim.report.drawing import legend_outside, limit_ordinate
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
 from cosim.statistics.intervals import estimate
+from experiments.reflection.choices import of_choice as of_choice  # by_choice asks for it
 
 STEPS: Final = "steps"
 ALGORITHMS: Final = axis_titles(Path(__file__).parent)["algorithm"]

@@ -11,7 +11,6 @@ and its picture, and for this experiment savings_by_choice.csv, beside what the 
 import argparse
 import math
 from collections.abc import Hashable, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,19 +18,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report.by_choice import draw_verdicts
-from cosim.report.claims import judge, published_claims
+from cosim.report import by_choice
 from cosim.report.comparison import Arm, by_replicate, confidence_limits, saving
 from cosim.report.saving import save
 from cosim.results import RunStore
+from experiments.reflection.choices import AXES, MANY
 from experiments.reflection.tables import ALGORITHMS, FLOORS, LEAST, NAMES, SIZES, STEPS, cells
 
-AXES: Final = ("choice", "floor", "algorithm", "team")
-AS_IN_THE_TABLES: Final = "as in the tables"
 FEW: Final = "smallest"
-MANY: Final = "whole"
-EVERY_TEAM: Final = ("fewer", "closer")
-"""Beginnings of the ids of claims that need the teams between the smallest and the whole one."""
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -43,7 +37,7 @@ def main(words: Sequence[str] | None = None) -> None:
     runs = store.present()
     done = runs[runs["status"] == "done"]
     found = verdicts(done, Path(store.description().source).parent.name)
-    written = [folder / "claims_by_choice.csv", *draw_verdicts(found, folder)]
+    written = [folder / "claims_by_choice.csv", *by_choice.draw_verdicts(found, folder)]
     found.to_csv(written[0])
     print(f"claims by choice\n\n{found.to_string()}\n")
     if "team" in done:
@@ -59,37 +53,8 @@ def main(words: Sequence[str] | None = None) -> None:
 
 def verdicts(runs: pd.DataFrame, experiment: str) -> pd.DataFrame:
     """Return the verdict on each claim of *experiment*, a row each, by choice, a column each; those that are judged."""
-    module = import_module(f"experiments.{experiment}.figures")
-    rows = {}
-    for claim in published_claims(Path(__file__).parent.parent / experiment):
-        if "team" in runs and claim.id.startswith(EVERY_TEAM):
-            continue
-        row = {
-            str(choice): judge(claim, of_choice(runs, str(choice)), pd.DataFrame(), module).verdict
-            for choice in runs["choice"].unique()
-        }
-        if {"holds", "fails"} & set(row.values()):
-            rows[claim.id] = row
-    return pd.DataFrame.from_dict(rows, orient="index")
-
-
-def of_choice(runs: pd.DataFrame, choice: str) -> pd.DataFrame:
-    """Return the runs of *choice*, and where it does not concern an arm, those of the arm as it is without it.
-
-    That is as in the tables; for a choice called ``doors twice as wide, Cr 15`` it is ``doors twice as wide``.
-    """
-    without = choice.rpartition(", ")[0] or AS_IN_THE_TABLES
-    key = [axis for axis in (*AXES[1:], "err_max", "explorers", "helpers", "replicate") if axis in runs]
-    own, usual = (runs[(runs["choice"] == name) & runs["steps"].notna()].set_index(key) for name in (choice, without))
-    found = pd.concat([own, usual[~usual.index.isin(own.index)]]).reset_index()
-    if {"given_up", "targets"} <= set(found):
-        found["targets_given_up"] = found["given_up"] * found["targets"]
-    if "team" in found:
-        found["robots"] = [
-            SIZES[-1] if team == MANY else LEAST[name]
-            for team, name in zip(found["team"], found["algorithm"], strict=True)
-        ]
-    return found
+    found = by_choice.verdicts(runs, Path(__file__).parent.parent / experiment)
+    return found[found.isin(["holds", "fails"]).any(axis=1)]
 
 
 # ---------------------------------------------------------------- what helpers save

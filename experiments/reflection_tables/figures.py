@@ -30,6 +30,7 @@ from cosim.report.drawing import legend_outside
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
 from cosim.statistics.intervals import estimate
+from experiments.reflection.choices import of_choice as of_choice  # by_choice asks for it
 from experiments.reflection.tables import ALGORITHMS, FLOORS, LEAST, NAMES, SIZES, STEPS, cells, with_steps
 
 ALIKE: Final = 1.3

@@ -14,7 +14,7 @@ from cosim.report.claims import judge, published_claims
 from cosim.report.sweep_report import Report, report
 from cosim.simulation import simulate
 from cosim.sweep import run_sweep
-from experiments.reflection import reflecting
+from experiments.reflection import choices, reflecting
 from experiments.reflection_channels import figures as channels
 from experiments.reflection_noise import figures as noise
 from experiments.reflection_roles import figures as roles
@@ -215,7 +215,7 @@ def of_choices(steps: dict[tuple[str, str, str], list[float]]) -> pd.DataFrame:
 
 
 def test_what_is_saved_stands_beside_what_the_paper_saves():
-    usual, wide = alternatives.AS_IN_THE_TABLES, "doors twice as wide"
+    usual, wide = choices.AS_IN_THE_TABLES, "doors twice as wide"
     runs = of_choices(
         {
             (usual, "visbug", "smallest"): [100.0, 100.0],
@@ -238,10 +238,10 @@ def test_claims_are_judged_choice_by_choice_with_the_usual_runs_where_a_choice_m
     nan = math.nan
     runs = of_choices(
         {
-            (alternatives.AS_IN_THE_TABLES, "visbug", "smallest"): [100.0, 101.0],
-            (alternatives.AS_IN_THE_TABLES, "visbug", "whole"): [50.0, 51.0],
-            (alternatives.AS_IN_THE_TABLES, "potential_field", "smallest"): [100.0, 101.0],
-            (alternatives.AS_IN_THE_TABLES, "potential_field", "whole"): [50.0, 51.0],
+            (choices.AS_IN_THE_TABLES, "visbug", "smallest"): [100.0, 101.0],
+            (choices.AS_IN_THE_TABLES, "visbug", "whole"): [50.0, 51.0],
+            (choices.AS_IN_THE_TABLES, "potential_field", "smallest"): [100.0, 101.0],
+            (choices.AS_IN_THE_TABLES, "potential_field", "whole"): [50.0, 51.0],
             ("Cr 15", "visbug", "smallest"): [nan, nan],
             ("Cr 15", "visbug", "whole"): [nan, nan],
             ("Cr 15", "potential_field", "smallest"): [100.0, 101.0],
@@ -255,7 +255,9 @@ def test_claims_are_judged_choice_by_choice_with_the_usual_runs_where_a_choice_m
     assert not [name for name in found.index if name.startswith("fewer")]
     wide = runs[runs["choice"] == "Cr 15"].assign(choice="doors twice as wide, Cr 15")
     doors = runs[runs["algorithm"] == "visbug"].assign(choice="doors twice as wide", steps=[7.0, 7, 5, 5] * 2)
-    assert set(alternatives.of_choice(pd.concat([runs, doors, wide]), "doors twice as wide, Cr 15")["steps"]) == {
+    assert set(
+        choices.of_choice(pd.concat([runs, doors, wide]), "doors twice as wide, Cr 15", "finishes")["steps"]
+    ) == {
         5.0,
         7.0,
         100.0,
