@@ -126,7 +126,7 @@ class HelpState:
     def helper(self, here: Point, sightings: Mapping[Address, Point], states: Mapping[Address, bool]) -> Point | None:
         """Return where a robot in trouble sees one that is not: the same one as long as that is in sight.
 
-        If it sees none, that is where it saw its helper last, as long as it is not there, if hidden helpers are followed.
+        If it sees none, and follows hidden helpers, that is where it saw its helper last, until it is there.
         """
         before = helper = self._helper
         if not self.trouble.active:
