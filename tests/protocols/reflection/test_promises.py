@@ -105,7 +105,7 @@ def test_a_useless_way_that_is_kept_is_measured_from_here_by_the_letter_too() ->
     way = ways.of[ME]
     assert way is not None
     ways.useless(way, "shorter")
-    assert ways.offer(ME, (3.0, 12.0), 4.0, 0, 2, (3.0, 10.0))  # 6 m against 16, not 9
+    assert ways.offer(ME, (3.0, 12.0), 10.0, 0, 2, (3.0, 10.0))  # 12 m against 16, not 9
 
 
 def test_each_owner_s_ghost_is_looked_for_by_itself() -> None:
