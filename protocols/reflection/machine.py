@@ -76,7 +76,7 @@ class Reflection(Drains):
         self.me = me
         self.counters = Counters()
         self.book = GoalBook(me, setup.size)
-        self.ways = Ways(self.book, from_seconds(parameters.promise_life_s))
+        self.ways = Ways(self.book, from_seconds(parameters.promise_life_s), parameters.comparison)
         self._start = start
         self._size = setup.size
         times = from_seconds(parameters.inquiry_s), from_seconds(parameters.page_s)

@@ -6,13 +6,14 @@ from pydantic import Field
 
 from cosim.navigation.steering import AvoidPastParameters, PotentialFieldParameters
 from cosim.settings import Count, Metres, Period, Seconds, Settings
-from protocols.reflection.promises import Renewal
+from protocols.reflection.promises import Comparison, Renewal
 
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Place = tuple[Coordinate, Coordinate]
 Algorithm = Literal["potential_field", "avoid_past", "visbug", "straight"]
 TroubleRule = Literal["reaches", "equals"]
 ProgressMeasure = Literal["window", "nearest", "step", "motion"]
+HiddenHelper = Literal["left", "followed"]
 
 
 class Parameters(Settings):
@@ -69,6 +70,11 @@ class Parameters(Settings):
         description="what a robot follows that has found a promise useless: only a way that is shorter than that was "
         'when it was taken ("stored", as in the paper), only one "shorter" than it is from here, or "any"',
     )
+    comparison: Comparison = Field(
+        default="remaining",
+        description="what a promise has to beat while another is followed: what is left of its way from here "
+        '("remaining"), or its length when it was promised ("stored", by the letter of section 4.2)',
+    )
     patience_s: Seconds = Field(
         default=3.0, gt=0, description="time without progress after which a robot no longer heads straight for a place"
     )
@@ -83,6 +89,11 @@ class Parameters(Settings):
     )
     trouble_memory: Literal["goal", "run"] = Field(
         default="goal", description="Pr and Nt begin again with each goal, or never"
+    )
+    hidden_helper: HiddenHelper = Field(
+        default="left",
+        description="a helper that gets out of sight of a robot in trouble is left to itself, or followed to the place "
+        "where it was seen last",
     )
     progress: ProgressMeasure = Field(default="window", description="what counts as progress, see trouble.Progress")
     progress_window: Count = Field(default=10, gt=0, description="motion steps that are looked back on")

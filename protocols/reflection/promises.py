@@ -23,7 +23,14 @@ no longer follows it. The parameter ``renewal`` chooses which promises count the
   robot that walks away from that place accepts ever longer promises, and may be called back as long as helpers pass;
 - ``any``: everything counts again.
 
-While a promise is followed, what is left of its way is what another has to beat, in all three.
+While a promise is followed, the parameter ``comparison`` chooses what another has to beat, in all three:
+
+- ``remaining``: what is left of its way, from where the robot is now. Both ways are then measured from one place;
+- ``stored``, the literal one: the number D11(t1) again, until another promise is taken. A robot that has come near the
+  place of its promise may turn to one that leads farther round.
+
+For ways that no other robot promised (the goal is in sight, or an own ghost) it is the present length, as in section
+4.3.
 """
 
 import math
@@ -36,6 +43,7 @@ from protocols.reflection.goals import GoalBook
 
 Point = tuple[float, float]
 Renewal = Literal["stored", "shorter", "any"]
+Comparison = Literal["remaining", "stored"]
 
 GAIN_M: Final = 1e-3
 """Least difference by which a way counts as shorter: more than the wire's rounding."""
@@ -59,7 +67,7 @@ class Way:
         self.used_up = False
         """True if the promise was found useless, and is kept as one that others have to beat."""
         self.promised_m = math.inf
-        """Length of the way, from where the robot was when it was promised."""
+        """Length of the way, from where the robot was when it was promised; infinite if no other robot did."""
 
     def length(self, x_m: float, y_m: float) -> float:
         """Return the length of the way from (x, y) on, metres."""
@@ -69,7 +77,7 @@ class Way:
 class Ways:
     """One robot's ways to the goals of all robots, at most one for each."""
 
-    def __init__(self, book: GoalBook, life: Time | None) -> None:
+    def __init__(self, book: GoalBook, life: Time | None, comparison: Comparison = "remaining") -> None:
         """Know the goals of *book*; forget ways whose goal no robot has seen for *life* ns, if that is not None."""
         self.book = book
         self.me = book.me
@@ -77,6 +85,7 @@ class Ways:
         self.bound_m = math.inf
         """Length that promises for the own goal have to beat."""
         self._life = life
+        self._stored = comparison == "stored"
         self._last: Point | None = None
 
     def points(self) -> list[Point]:
@@ -109,10 +118,14 @@ class Ways:
         x, y = here_m
         length = rest_m + math.hypot(place_m[0] - x, place_m[1] - y)
         way = self.of[owner]
-        if way is not None and (
-            way.direct or length > way.rest_m + math.hypot(way.x_m - x, way.y_m - y) - GAIN_M  # its length, in line
-        ):
-            return False
+        if way is not None:
+            if way.direct:
+                return False
+            to_beat = way.rest_m + math.hypot(way.x_m - x, way.y_m - y)  # its length, in line
+            if self._stored and way.promised_m < math.inf and not way.used_up:
+                to_beat = way.promised_m
+            if length > to_beat - GAIN_M:
+                return False
         if owner == self.me and length > self.bound_m - GAIN_M:
             return False
         way = self.of[owner] = Way(place_m[0], place_m[1], rest_m, seen, via, False)
@@ -158,3 +171,4 @@ class Ways:
             way.rest_m = way.length(*self._last)
             way.x_m, way.y_m = self._last
             way.direct = False
+            way.promised_m = math.inf

@@ -98,6 +98,8 @@ class Seeker:
         )
         self._followed: Way | None = None
         self._going: Point | None = None
+        self._hidden = False
+        """True if it heads for where its helper was seen last."""
         self._place: Point = (0.0, 0.0)
         self._number = 0
         self._detours = 0
@@ -149,6 +151,7 @@ class Seeker:
         self._followed = self._going = None
         self._navigator.restart()
         self._help.turn()
+        self._help.lose()
         self._straight.begin(now)
 
     def promised(self, now: Time) -> None:
@@ -194,7 +197,7 @@ class Seeker:
             if self._straight.stalled(now):
                 self._leave(way, now)
         if self._states_shared and not self.finished:
-            keeps_up = self.target is HELPER and math.dist(here, place) < self._follow_m
+            keeps_up = self.target is HELPER and not self._help.hidden and math.dist(here, place) < self._follow_m
             self._help.judge(here, place, keeps_up)
         self._going = going
         return going
@@ -252,6 +255,7 @@ class Seeker:
         self, way: Way | None, here: Point, sightings: Mapping[Address, Point], states: Mapping[Address, bool]
     ) -> tuple[Target, Point]:
         if way is not None:
+            self._help.lose()
             if way.via != self.me:
                 return PROMISE, (way.x_m, way.y_m)
             return GOAL, (way.x_m, way.y_m) if way.direct else self._place
@@ -301,6 +305,13 @@ class Seeker:
 
     def _to_helper(self, observation: Observation, place: Point, now: Time) -> Point:
         x, y = observation.x_m, observation.y_m
-        if math.dist((x, y), place) < self._follow_m:
+        distance = math.dist((x, y), place)
+        if self._help.hidden is not self._hidden:
+            self._hidden = self._help.hidden
+            if self._hidden:  # a place that is not come nearer to is left; one that moves away may be far for long
+                self._straight.begin(now)
+        if not self._hidden and distance < self._follow_m:
             return x, y
-        return self._straight.towards(place, 0.0, observation, now)
+        if self._hidden and self._straight.stalled(now):
+            self._help.lose()
+        return self._straight.towards(place, distance, observation, now)

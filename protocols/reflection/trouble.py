@@ -100,6 +100,11 @@ class HelpState:
         self._counters = counters
         self._progress = Progress(parameters.progress, parameters.progress_window, parameters.progress_share, step_m)
         self._helper: Address | None = None
+        self._follows_hidden = parameters.hidden_helper == "followed"
+        self._near_m = step_m
+        self._last_m: Point | None = None
+        self.hidden = False
+        """True if the helper is out of sight, and where it was seen last is what ``helper`` has returned."""
         self.trouble = Trouble(parameters.trouble_limit, parameters.trouble_rule)
 
     def new_goal(self) -> None:
@@ -114,16 +119,32 @@ class HelpState:
         """Judge progress from here on, as the robot heads for something else."""
         self._progress.restart()
 
+    def lose(self) -> None:
+        """Forget where the helper was seen last."""
+        self._last_m = None
+
     def helper(self, here: Point, sightings: Mapping[Address, Point], states: Mapping[Address, bool]) -> Point | None:
-        """Return where a robot in trouble sees one that is not: the same one as long as that is in sight."""
-        helper = self._helper
+        """Return where a robot in trouble sees one that is not: the same one as long as that is in sight.
+
+        If it sees none, and follows hidden helpers, that is where it saw its helper last, until it is there.
+        """
+        before = helper = self._helper
         if not self.trouble.active:
             helper = None
         elif helper is None or helper not in sightings or states.get(helper) is not False:
             helpers = [peer for peer in sightings if states.get(peer) is False]
             helper = min(helpers, key=lambda peer: math.dist(sightings[peer], here), default=None)
         self._helper = helper
-        return None if helper is None else sightings[helper]
+        if helper is not None:
+            self._last_m = sightings[helper]
+        elif before in sightings or not self.trouble.active or not self._follows_hidden or self._at_last(here):
+            self._last_m = None
+        self.hidden = helper is None and self._last_m is not None
+        return self._last_m
+
+    def _at_last(self, here: Point) -> bool:
+        """Return whether the robot is where it saw its helper last."""
+        return self._last_m is not None and math.dist(here, self._last_m) < self._near_m
 
     def judge(self, here: Point, place: Point, keeps_up: bool) -> None:
         """Count a motion step towards *place*; a robot that *keeps_up* with its helper makes progress."""

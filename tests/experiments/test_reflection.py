@@ -6,6 +6,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
+import shapely
 import yaml
 
 from cosim.errors import UserError
@@ -14,6 +15,7 @@ from cosim.report.claims import judge, published_claims
 from cosim.report.sweep_report import Report, report
 from cosim.simulation import simulate
 from cosim.sweep import run_sweep
+from cosim.world.floorplan import FloorplanSettings, load_floorplan
 from experiments.reflection import choices, reflecting
 from experiments.reflection_channels import figures as channels
 from experiments.reflection_noise import figures as noise
@@ -331,7 +333,8 @@ def test_claims_name_tests_that_are_there_and_have_no_data_without_runs(name: st
     ("name", "arms", "quick"),
     [
         ("reflection_tables/sweep", 24, 18),
-        ("reflection_tables/alternatives", 288, 24),
+        ("reflection_tables/alternatives", 444, 24),
+        ("reflection_tables/floors", 48, 36),
         ("reflection_noise/sweep", 36, 18),
         ("reflection_noise/alternatives", 108, 9),
         ("reflection_channels/sweep", 60, 10),
@@ -368,6 +371,39 @@ def test_floors_with_other_doors_are_the_same_but_for_their_doors(name: str, doo
     length, wider = (sum(math.dist(wall[:2], wall[2:]) for wall in floor["walls"]) for floor in (usual, other))
     count, width = {"corridor": (11, 1.1), "nested": (16, 0.9)}[name]
     assert length - wider == pytest.approx(count * width if doors == "wide" else 0.0)
+
+
+@pytest.mark.parametrize(("name", "rooms"), [("corner", 13), ("branch", 13), ("bridge", 16)])
+def test_on_floors_drawn_from_the_text_every_helper_passes_every_room_s_door(name: str, rooms: int) -> None:
+    """Each has a door of its own, 1.1 m wide, onto a corridor; a helper fits where it patrols."""
+    plan = load_floorplan(FloorplanSettings(map=f"{name}.yaml"), EXPERIMENTS / "floors")
+    plain = yaml.safe_load((EXPERIMENTS / "floors" / f"{name}.yaml").read_text(encoding="utf-8"))
+    walls = sorted(plain["walls"])
+    ends = [(one[2:], other[:2]) for one in walls for other in walls]
+    gaps = [(a, b) for a, b in ends if math.dist(a, b) == pytest.approx(1.1) and (a[0] == b[0] or a[1] == b[1])]
+    doors = {((a[0] + b[0]) / 2, (a[1] + b[1]) / 2) for a, b in gaps}
+    assert len(doors) == len(plan.places_m["rooms"]) == rooms
+    solid = shapely.MultiLineString([[wall[:2], wall[2:]] for wall in plan.walls_m.tolist()])
+    for number in (1, 2, 3):
+        way = shapely.LineString(plan.places_m[f"patrol_{number}"])
+        assert way.distance(solid) >= 0.45
+        assert max(way.distance(shapely.Point(door)) for door in doors) < 1.6
+
+
+@pytest.mark.parametrize("name", ["corner", "branch", "bridge"])
+def test_on_floors_drawn_from_the_text_targets_are_in_the_middle_of_rooms(name: str) -> None:
+    """As far from the wall to the left as from that to the right, and so above and below, but for doors."""
+    plan = load_floorplan(FloorplanSettings(map=f"{name}.yaml"), EXPERIMENTS / "floors")
+    walls = [shapely.LineString([wall[:2], wall[2:]]).buffer(0.6, cap_style="square") for wall in plan.walls_m.tolist()]
+    closed = shapely.union_all(walls)  # doors are shut
+    for x, y in plan.places_m["rooms"]:
+        (room,) = [
+            part
+            for part in shapely.get_parts(shapely.box(*plan.bounds_m).difference(closed))
+            if part.contains(shapely.Point(x, y))
+        ]
+        assert room.equals(shapely.box(*room.bounds))
+        assert (room.centroid.x, room.centroid.y) == pytest.approx((x, y))
 
 
 def test_a_misspelt_setting_of_reflection_roles_is_refused():

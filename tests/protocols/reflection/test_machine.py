@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from cosim.geometry.segments import segment_grid
 from cosim.machine import Reception
 from cosim.randomness import Draws
 from protocols.reflection.events import (
@@ -277,6 +278,122 @@ def test_nobody_follows_a_robot_that_is_in_trouble_itself() -> None:
     arena.tick(150)
     assert all(machine.seeker is not None and machine.seeker.trouble.active for machine in arena.machines)
     assert arena.machines[0].counters.steps[Target.HELPER] < 5
+
+
+def hides(trouble_limit: int, **more: object) -> Arena:
+    """A seeker in trouble before a wall without end, whose helper vanishes as soon as it is headed for."""
+    wall = [(2.0, -99.0, 2.0, 99.0)]
+    arena = Arena([(1.7, 3.0), (0.0, -2.0)], [[GOAL]], (), wall, share_states=True, trouble_limit=trouble_limit, **more)
+    steps = arena.machines[0].counters.steps
+    for _ in range(2 * trouble_limit):
+        arena.tick()
+        if steps[Target.HELPER] == 3:
+            break
+    assert steps[Target.HELPER] == 3
+    arena.silent = {1}
+    arena.places[1] = (-90.0, 90.0)
+    return arena
+
+
+def test_a_helper_that_gets_out_of_sight_is_left_to_itself() -> None:
+    arena = hides(80)
+    arena.tick(70)
+    assert arena.machines[0].counters.steps[Target.HELPER] <= 4
+    assert arena.places[0][1] > 2.5
+
+
+def test_a_helper_out_of_sight_may_be_followed_to_where_it_was_seen_last() -> None:
+    """Rule 3 of section 5 by its letter: until it is no longer in trouble; 53 steps lead to that place."""
+    arena = hides(80, hidden_helper="followed")
+    nearest = math.inf
+    for _ in range(58):
+        arena.tick()
+        nearest = min(nearest, math.dist(arena.places[0], (0.0, -2.0)))
+    assert nearest < 2.0 * STEP_M
+    steps = arena.machines[0].counters.steps
+    there = steps[Target.HELPER]
+    assert there == pytest.approx(53, abs=3)
+    arena.tick(10)  # there it is where the helper was, and goes on by itself
+    assert steps[Target.HELPER] == there
+
+
+def test_a_helper_out_of_sight_is_followed_as_long_as_there_is_trouble() -> None:
+    arena = hides(20, hidden_helper="followed")
+    arena.tick(25)
+    assert arena.machines[0].counters.steps[Target.HELPER] == pytest.approx(20, abs=2)
+    assert [event.in_trouble for event in arena.told(0, TroubleChanged)] == [True, False]
+
+
+def put_across(arena: Arena, share: float) -> None:
+    """Put a wall across the seeker's way to where its helper was, after so much of it."""
+    x, y = arena.places[0]
+    to_x, to_y = 0.0 - x, -2.0 - y
+    middle_x, middle_y = x + share * to_x, y + share * to_y
+    across = (middle_x - 9.0 * to_y, middle_y + 9.0 * to_x, middle_x + 9.0 * to_y, middle_y - 9.0 * to_x)
+    arena.grid = segment_grid(np.array([(2.0, -99.0, 2.0, 99.0), across]))
+
+
+def test_a_place_of_a_helper_that_cannot_be_come_to_is_left() -> None:
+    """The seeker, still in trouble, would stand before the wall for good."""
+    arena = hides(80, hidden_helper="followed", patience_s=2.0)
+    put_across(arena, 0.2)
+    arena.tick(60)
+    steps = arena.machines[0].counters.steps
+    left = steps[Target.HELPER]
+    assert 20 < left < 45
+    assert arena.machines[0].seeker is not None
+    assert arena.machines[0].seeker.trouble.active
+    arena.tick(20)
+    assert steps[Target.HELPER] == left
+
+
+def test_to_stand_near_where_a_helper_was_is_no_progress() -> None:
+    """It is where the helper is still there: then the seeker keeps up with it."""
+    arena = hides(80, hidden_helper="followed", patience_s=60.0)
+    put_across(arena, 0.9)
+    arena.tick(160)
+    assert math.dist(arena.places[0], (0.0, -2.0)) < 0.95
+    assert arena.machines[0].seeker is not None
+    assert arena.machines[0].seeker.trouble.active
+
+
+def test_a_helper_that_was_nearer_before_it_vanished_is_followed() -> None:
+    """To come near its last place is progress, though the seeker was nearer to the helper once."""
+    arena = hides(80, hidden_helper="followed", patience_s=0.5)
+    arena.places[1] = (-6.0, -4.0)
+    arena.tick(15)
+    arena.places[1] = (-90.0, 90.0)
+    steps = arena.machines[0].counters.steps
+    before = steps[Target.HELPER]
+    arena.tick(20)
+    assert steps[Target.HELPER] == before + 20
+
+
+def test_who_was_carried_away_does_not_look_for_its_helper() -> None:
+    arena = hides(80, hidden_helper="followed")
+    arena.tick(3)
+    steps = arena.machines[0].counters.steps
+    assert steps[Target.HELPER] == 6
+    arena.places[0] = (-20.0, 30.0)
+    arena.tick(20)
+    assert steps[Target.HELPER] == 6
+
+
+def test_nor_does_who_has_seen_its_goal() -> None:
+    """Rule 3 ends there; the wall is away for a moment."""
+    arena = hides(80, hidden_helper="followed", patience_s=0.5)
+    arena.tick(3)
+    steps = arena.machines[0].counters.steps
+    before = steps[Target.HELPER]
+    wall, arena.grid = arena.grid, segment_grid(np.zeros((0, 4)))
+    arena.tick(2)
+    arena.grid = wall
+    arena.tick(40)
+    assert steps[Target.GOAL] > 0
+    assert steps[Target.ALGORITHM] > 80  # in its first trouble, and now again
+    assert arena.machines[0].seeker is not None
+    assert arena.machines[0].seeker.trouble.active
+    assert steps[Target.HELPER] == before
 
 
 @pytest.mark.parametrize("team", [2, 5, 9])

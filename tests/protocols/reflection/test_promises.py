@@ -76,6 +76,38 @@ def test_what_is_left_of_a_way_is_what_another_has_to_beat() -> None:
     assert ways.offer(OWNER, (3.0, 0.0), 6.9, 0, 2, (1.0, 0.0))
 
 
+def test_by_the_letter_the_length_at_the_time_of_the_promise_is_to_beat() -> None:
+    """Section 4.2: 10 m were promised; a metre later 9 m are left, and 9.5 m still count as shorter."""
+    ways = Ways(setting().book, None, "stored")
+    ways.offer(OWNER, (4.0, 0.0), 6.0, 0, 2, (0.0, 0.0))
+    look(ways, (1.0, 0.0), False, True)
+    assert not ways.offer(OWNER, (3.0, 0.0), 8.0, 0, 2, (1.0, 0.0))
+    assert ways.offer(OWNER, (3.0, 0.0), 7.5, 0, 2, (1.0, 0.0))
+    look(ways, (2.0, 0.0), False, True)
+    assert not ways.offer(OWNER, (3.0, 0.0), 8.5, 0, 2, (2.0, 0.0))  # 9.5 m, as was promised
+
+
+def test_by_the_letter_too_the_distance_by_an_own_ghost_is_the_present_one() -> None:
+    """Section 4.3: a promise of 7 m, then the goal out of sight; the last place, 6.5 m before it, is its own."""
+    ways = Ways(setting().book, None, "stored")
+    ways.offer(OWNER, (3.0, 0.0), 4.0, 0, 2, (0.0, 0.0))
+    look(ways, (0.5, 0.0), False, True)
+    assert look(ways, (0.5, 5.0), False, False) == pytest.approx(6.5 + 5.0)
+    assert ways.offer(OWNER, (0.5, 7.0), 9.0, 0, 3, (0.5, 5.0))
+    assert not ways.offer(OWNER, (0.5, 6.0), 10.5, 0, 3, (0.5, 5.0))
+
+
+def test_a_useless_way_that_is_kept_is_measured_from_here_by_the_letter_too() -> None:
+    book = GoalBook(ME, 4)
+    book.set_own(1, *GOAL)
+    ways = Ways(book, None, "stored")
+    assert ways.offer(ME, (3.0, 0.0), 6.0, 0, 2, (0.0, 0.0))
+    way = ways.of[ME]
+    assert way is not None
+    ways.useless(way, "shorter")
+    assert ways.offer(ME, (3.0, 12.0), 10.0, 0, 2, (3.0, 10.0))  # 12 m against 16, not 9
+
+
 def test_each_owner_s_ghost_is_looked_for_by_itself() -> None:
     ways = setting()
     ways.book.consider(2, 4, 0.0, 10.0)
