@@ -61,7 +61,7 @@ class OfficeSettings(Settings):
 
 
 def office_walls(settings: OfficeSettings) -> Floats:
-    """Return the walls without thickness of an office with its lower left corner at (0, 0): segments (n, 4) in metres."""
+    """Return the walls without thickness of an office whose lower left corner is (0, 0): segments (n, 4) in metres."""
     width, depth = settings.width_m, settings.depth_m
     outer: list[Segment] = [(0, 0, width, 0), (width, 0, width, depth), (width, depth, 0, depth), (0, depth, 0, 0)]
     return np.array(outer if settings.wall_m else [*outer, *_inner(settings)], dtype=np.float64)

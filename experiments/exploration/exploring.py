@@ -109,8 +109,8 @@ def _bound_s(simulation: Simulation) -> float:
 def swept_s(area_m2: float, robots: int, reach_m: float, speed_mps: float) -> float:
     """Return the least time in which robots can sweep an area: discs that drive straight on, and nothing seen twice.
 
-    A disc of the radius r that drives for a time t sees at most pi r^2 + 2 r speed t, whatever way it takes. *reach_m* is
-    the scanner's range and a cell's diagonal: a beam counts a cell whose corner it meets.
+    A disc of the radius r that drives for a time t sees at most pi r^2 + 2 r speed t, whatever way it takes. *reach_m*
+    is the scanner's range and a cell's diagonal: a beam counts a cell whose corner it meets.
     """
     return max(0.0, (area_m2 / robots - math.pi * reach_m * reach_m) / (2.0 * reach_m * speed_mps))
 

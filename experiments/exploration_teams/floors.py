@@ -2,8 +2,8 @@
 
     python -P -m experiments.exploration_teams.floors experiments/floors
 
-writes ``explore_empty.yaml``, ``explore_corridor.yaml``, ``explore_office.yaml``, and ``explore_office_thick.yaml``, the
-same office with walls that have a thickness: a beam meets their ends. Doors stand off the middle of
+writes ``explore_empty.yaml``, ``explore_corridor.yaml``, ``explore_office.yaml``, and ``explore_office_thick.yaml``,
+the same office with walls that have a thickness: a beam meets their ends. Doors stand off the middle of
 their walls, in another place from room to room, so that no robot sees far through several.
 """
 

@@ -19,8 +19,12 @@ CLAIMS = {claim.id: claim for claim in published_claims(SHEET.parent)}
 FUNCTIONS = sorted(claim.test for claim in CLAIMS.values() if claim.test.isidentifier())
 ARMS = [arm.labels for arm in load_experiment(SHEET).arms]
 METRICS = {
-    **{"until_95_s": 100.0, "bound_s": 50.0, "reached": 1.0, "blocked_ticks": 0.0},
-    **{"parted_by_escape_m": 2.0, "parted_else_m": 1.0},
+    "until_95_s": 100.0,
+    "bound_s": 50.0,
+    "reached": 1.0,
+    "blocked_ticks": 0.0,
+    "parted_by_escape_m": 2.0,
+    "parted_else_m": 1.0,
 }
 
 
