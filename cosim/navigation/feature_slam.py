@@ -65,6 +65,9 @@ class FeatureSlamParameters(Settings):
     odometry_turn_rad: Angle = Field(
         default=0.03, ge=0, description="rad, by which a tick's way of one metre turns the heading wrongly, at most"
     )
+    odometry_way_m: Metres | None = Field(
+        default=None, gt=0, description="m, a tick's way at which odometry errs so, and else in proportion to it"
+    )
     corner_m: Metres = Field(
         default=0.01, gt=0, description="m, standard deviation of a corner beside that of its lines"
     )
@@ -97,18 +100,22 @@ class Way(NamedTuple):
     """Shape (3, 3), of x, y and the turn."""
 
 
-def further(way: Way, x_m: float, y_m: float, turn_rad: float, slip: float, turn_error_rad: float) -> Way:
+def further(
+    way: Way, x_m: float, y_m: float, turn_rad: float, slip: float, turn_error_rad: float, at_m: float | None = None
+) -> Way:
     """Return *way* after one more tick, at whose end odometry has moved by *x_m*, *y_m* and *turn_rad* in all.
 
-    *slip* and *turn_error_rad* are the largest errors of a tick, as :class:`FeatureSlamParameters` has them.
+    *slip* and *turn_error_rad* are the largest errors of a tick, as :class:`FeatureSlamParameters` has them; with
+    *at_m* they are those of a tick with so long a way, and grow with it.
     """
     dx, dy = x_m - way.x_m, y_m - way.y_m
     square = dx * dx + dy * dy
+    more = 1.0 if at_m is None else math.sqrt(square) / at_m
     # the heading's error comes before the way, and so turns it
     slopes = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
     covariance = way.covariance.copy()
-    covariance[2, 2] += (turn_error_rad * _UNIFORM) ** 2 * math.sqrt(square)
-    stretched = slip * _UNIFORM * np.array([dx, dy, 0.0])
+    covariance[2, 2] += (more * turn_error_rad * _UNIFORM) ** 2 * math.sqrt(square)
+    stretched = more * slip * _UNIFORM * np.array([dx, dy, 0.0])
     return Way(x_m, y_m, turn_rad, sandwich(slopes, covariance) + stretched[:, np.newaxis] * stretched)
 
 
@@ -525,7 +532,7 @@ class FeatureSlam:
         own = self._own
         before = odometry if self._odometry is None else self._odometry
         relative = carried((0.0, 0.0, 0.0), before, odometry)
-        self._way = further(self._way, *relative, own.odometry_slip, own.odometry_turn_rad)
+        self._way = further(self._way, *relative, own.odometry_slip, own.odometry_turn_rad, own.odometry_way_m)
         self._ticks += 1
         if (
             self._odometry is None

@@ -53,6 +53,7 @@ TURN: Final = 7
 RANGE_NOISE: Final = 8
 FALSE_RETURNS: Final = 9
 KEY: Final = 10  # and 11: the key of the draws, two words of 32 bits
+ERRS_AT: Final = 12  # a tick's way at which odometry errs as said; 0: at any
 
 
 @njit(cache=True)
@@ -72,11 +73,12 @@ def locate(poses: Floats, limits: Floats, rows: Floats, tick: int, moved: bool) 
             dx, dy = x - pose[X], y - pose[Y]
             way = math.sqrt(dx * dx + dy * dy)
             slip, turn = _uniform(limits, tick, i, _DRIFT_PURPOSE)
+            more = way / limits[ERRS_AT] if limits[ERRS_AT] > 0.0 else 1.0
             # with the root, what adds up over a metre has the same spread whatever the ticks
-            error = limits[TURN] * turn * math.sqrt(way)
+            error = more * limits[TURN] * turn * math.sqrt(way)
             angle = pose[OWN_HEADING] - pose[HEADING] + error
             cos, sin = elementary.cos(angle), elementary.sin(angle)
-            stretch = 1.0 + limits[SLIP] * slip
+            stretch = 1.0 + more * limits[SLIP] * slip
             pose[OWN_X] += stretch * (cos * dx - sin * dy)
             pose[OWN_Y] += stretch * (sin * dx + cos * dy)
             pose[OWN_HEADING] = _wrapped(heading + angle)

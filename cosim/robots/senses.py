@@ -72,6 +72,12 @@ class SenseSettings(Settings):
     odometry_turn_rad: Angle = Field(
         default=0.0, ge=0, description="rad, by which a tick's way of one metre turns the heading wrongly, at most"
     )
+    odometry_way_m: Metres | None = Field(
+        default=None,
+        gt=0,
+        description="m, a tick's way at which odometry errs so; its errors are in proportion to a tick's way, and so "
+        "grow with the speed; null: they are the same at any speed",
+    )
     field_of_view_deg: float = Field(
         default=360.0, gt=0, le=360, description="degrees, the camera's field of view, about the heading"
     )
@@ -126,6 +132,7 @@ class Senses:
                 settings.range_noise_m,
                 settings.false_return_rate,
                 *streams.draws("senses").key,
+                settings.odometry_way_m or 0.0,
             ]
         )
         self._room = self._poses, self._limits, *walls

@@ -24,7 +24,7 @@ from cosim.errors import UserError
 from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
 from cosim.settings import Decibels, Length, Metres, Settings, error_at
 from cosim.world.maps import MOST_SIDES, OccupancyMap, read_movingai_map, read_ros_map
-from cosim.world.offices import OfficeSettings, office_walls
+from cosim.world.offices import OfficeSettings, office_solids, office_walls
 
 Point: TypeAlias = tuple[Metres, Metres]
 Wall: TypeAlias = tuple[Metres, Metres, Metres, Metres]
@@ -201,8 +201,10 @@ def load_floorplan(settings: FloorplanSettings, folder: Path) -> Floorplan:
     """
     if settings.map == GENERATED:
         office = settings.office
-        walls = _Walls(office_walls(office), settings.wall_kind)
-        return _drawn(GENERATED, settings, (0.0, 0.0, office.width_m, office.depth_m), [walls])
+        bounds, solids = (0.0, 0.0, office.width_m, office.depth_m), tuple(office_solids(office))
+        walls = [_Walls(office_walls(office), settings.wall_kind)]
+        walls += [_Walls(_sides(ring), settings.wall_kind, 0.5) for ring in solids]
+        return _drawn(GENERATED, settings, bounds, walls, FloorSettings(bounds_m=bounds, polygons=solids))
     if settings.map == INLINE:
         return _drawn(INLINE, settings, settings.bounds_m, [])
     path = _find(settings.map, folder)

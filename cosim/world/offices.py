@@ -2,13 +2,15 @@
 
 The corridor runs along x in the middle of the floor. The rooms of a side share its length in random parts, none smaller
 than a door with a jamb on each side. The first room of a side has its door to the corridor; each further one has it
-there too or, one time in four, to the room before it, so every room can be reached.
+there too or, one time in four, to the room before it, so every room can be reached. Measures are between the middles
+of walls: those that have a thickness stand half on each side of them. No wall moves, and no door is narrower.
 """
 
 from itertools import pairwise
 from typing import Final, Self, TypeAlias
 
 import numpy as np
+import shapely
 from pydantic import Field, model_validator
 
 from cosim.arrays import Floats
@@ -16,6 +18,7 @@ from cosim.randomness import Streams
 from cosim.settings import Count, Metres, Seed, Settings, error_at
 
 Segment: TypeAlias = tuple[float, float, float, float]
+Ring: TypeAlias = tuple[tuple[float, float], ...]
 
 JAMB_M: Final = 0.2
 """Least length of wall between a door and the next corner."""
@@ -24,7 +27,7 @@ INNER_DOOR_SHARE: Final = 0.25
 
 
 class OfficeSettings(Settings):
-    """Measures of a generated office; walls have no thickness."""
+    """Measures of a generated office."""
 
     width_m: Metres = Field(default=20.0, gt=0, description="length along the corridor")
     depth_m: Metres = Field(default=12.0, gt=0, description="extent across the corridor")
@@ -32,6 +35,9 @@ class OfficeSettings(Settings):
     corridor_m: Metres = Field(default=2.0, gt=0, description="width of the corridor")
     door_m: Metres = Field(default=1.0, gt=0, description="width of every door")
     seed: Seed = Field(default=1, ge=0, description="decides where walls and doors stand")
+    wall_m: Metres = Field(
+        default=0.0, ge=0, lt=2 * JAMB_M, description="thickness of the inner walls, which stand where they do without"
+    )
 
     @property
     def least_room_m(self) -> float:
@@ -49,19 +55,46 @@ class OfficeSettings(Settings):
         if room_depth < self.least_room_m:
             expected = f"leaves rooms a depth of {room_depth:g} m beside corridor_m, expected {self.least_room_m:g} m"
             raise error_at(("depth_m",), self.depth_m, expected)
+        if not self.wall_m < self.corridor_m:
+            raise error_at(("wall_m",), self.wall_m, f"is not < {self.corridor_m}, corridor_m")
         return self
 
 
 def office_walls(settings: OfficeSettings) -> Floats:
-    """Return the walls of an office with its lower left corner at (0, 0), as segments (n, 4) in metres."""
+    """Return the walls without thickness of an office whose lower left corner is (0, 0): segments (n, 4) in metres."""
     width, depth = settings.width_m, settings.depth_m
+    outer: list[Segment] = [(0, 0, width, 0), (width, 0, width, depth), (width, depth, 0, depth), (0, depth, 0, 0)]
+    return np.array(outer if settings.wall_m else [*outer, *_inner(settings)], dtype=np.float64)
+
+
+def office_solids(settings: OfficeSettings) -> list[Ring]:
+    """Return the walls that have a thickness, as polygons in metres."""
+    return thick_walls(np.array(_inner(settings)), settings.wall_m) if settings.wall_m else []
+
+
+def thick_walls(walls: Floats, wall_m: float) -> list[Ring]:
+    """Return the outlines of *walls* (n, 4) of a thickness, as polygons that do not touch; *wall_m* > 0, metres.
+
+    An end that no other wall meets stays where it is: a door keeps its width. Raise ValueError for walls that shut
+    something in: no outline tells of what lies within.
+    """
+    lines = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(walls.reshape(-1, 2, 2))))
+    solid = shapely.buffer(lines, wall_m / 2, cap_style="flat", join_style="mitre")
+    parts = shapely.get_parts(shapely.normalize(solid.simplify(0.0)))
+    if shapely.get_num_interior_rings(parts).any():
+        raise ValueError("walls shut something in, expected a door to everywhere")
+    return [tuple((float(x), float(y)) for x, y in shapely.get_coordinates(part)[:-1]) for part in parts]
+
+
+def _inner(settings: OfficeSettings) -> list[Segment]:
+    """Return the walls of all rooms, without the outer ones."""
+    depth, walls = settings.depth_m, list[Segment]()
     low, high = (depth - settings.corridor_m) / 2, (depth + settings.corridor_m) / 2
-    walls: list[Segment] = [(0, 0, width, 0), (width, 0, width, depth), (width, depth, 0, depth), (0, depth, 0, 0)]
     upper = (settings.rooms + 1) // 2
     for side, rooms, front, back in (("upper", upper, high, depth), ("lower", settings.rooms - upper, low, 0.0)):
         if rooms:
             walls += _row(settings, side, rooms, front, back)
-    return np.array(walls, dtype=np.float64)
+    return walls
 
 
 def _row(settings: OfficeSettings, side: str, rooms: int, front: float, back: float) -> list[Segment]:

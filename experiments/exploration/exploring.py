@@ -46,6 +46,7 @@ _OWN: Final = (
         "parted_by_escape_m", "float", "m", "growth of the distance to the nearest robot in later_s from a path laid"
     ),
     Column("parted_else_m", "float", "m", "the same from times when the robot was on no path"),
+    Column("bound_s", "float", "s", "before which no team of that size can see 95 %, even if it knew the floor"),
     *(
         Column(name, "float", "s", f"until {100 * share:.0f} % of what can be seen had been; NaN if it never was")
         for name, share in _SEEN.items()
@@ -89,8 +90,29 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
         found
         | ended(outcome.metrics, scenario.duration_s)
         | told(outcome.trace, own.partings)
+        | {"bound_s": _bound_s(simulation)}
         | dict(zip(_SEEN, referee.times_s(tuple(_SEEN.values())), strict=True))
     )
+
+
+def _bound_s(simulation: Simulation) -> float:
+    """Return before when no team that drives as fast as this one's schemas may can have seen 95 %."""
+    explorers: list[Any] = simulation.machines
+    setup, steering = explorers[0].setup, simulation.scenario.protocol.parameters.steering
+    referee: Any = simulation.referee
+    speed_mps = min(max(setup.speeds_mps), max(steering.speed_mps, steering.fast_mps or 0.0))
+    cell_m = setup.frame.cell_m
+    wanted_m2 = 0.95 * referee.coverable * cell_m * cell_m
+    return swept_s(wanted_m2, setup.size, setup.range_m + math.sqrt(2.0) * cell_m, speed_mps)
+
+
+def swept_s(area_m2: float, robots: int, reach_m: float, speed_mps: float) -> float:
+    """Return the least time in which robots can sweep an area: discs that drive straight on, and nothing seen twice.
+
+    A disc of the radius r that drives for a time t sees at most pi r^2 + 2 r speed t, whatever way it takes. *reach_m*
+    is the scanner's range and a cell's diagonal: a beam counts a cell whose corner it meets.
+    """
+    return max(0.0, (area_m2 / robots - math.pi * reach_m * reach_m) / (2.0 * reach_m * speed_mps))
 
 
 def ended(metrics: Mapping[str, float], duration_s: float) -> dict[str, float]:

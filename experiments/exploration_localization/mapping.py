@@ -30,6 +30,8 @@ from protocols.exploration.explorer import Explorer
 from protocols.exploration.referee import coverable_cells
 from protocols.mapping.belief import Frame
 
+FOLDER: Final = Path(__file__).parent
+"""The folder from which a scenario's paths count."""
 LOOK_S: Final = 1.0
 """Interval between comparisons of poses, s."""
 MAP_S: Final = 20.0
@@ -166,7 +168,12 @@ def _surroundings(simulation: Simulation) -> Surroundings:
 @experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
-    scenario = Parameters.model_validate(parameters).scenario.placed(Path(__file__).parent)
+    return made(Parameters.model_validate(parameters).scenario, seed)[0]
+
+
+def made(given: Scenario, seed: int) -> tuple[dict[str, float], Watch, Trace]:
+    """Make the run of a scenario; return ``COLUMNS``, what was watched, and the trace."""
+    scenario = given.placed(FOLDER)
     simulation = Simulation(scenario, seed)
     watch = Watch(simulation)
     outcome = simulation.run()
@@ -177,7 +184,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     watch.map_errors.append(float(np.mean([each.wrong for each in final])))
     until = math.inf if never else metrics["time_95_s"]
     errors_m = np.array(watch.pose_errors_m)
-    return {
+    found = {
         **{name: metrics[name] for name, *_ in _TOLD},
         **ended(metrics, scenario.duration_s),
         **waits(outcome.trace),
@@ -190,6 +197,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
         **{f"map_error_{s}_s": at(watch.map_times_s, watch.map_errors, s) for s in TIMES_S},
         **{f"pose_error_{s}_s": mean_until(watch.times_s, watch.pose_errors_m, s) for s in TIMES_S},
     }
+    return found, watch, outcome.trace
 
 
 def waits(trace: Trace) -> dict[str, float]:

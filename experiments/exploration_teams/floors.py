@@ -2,7 +2,8 @@
 
     python -P -m experiments.exploration_teams.floors experiments/floors
 
-writes ``explore_empty.yaml``, ``explore_corridor.yaml`` and ``explore_office.yaml``. Doors stand off the middle of
+writes ``explore_empty.yaml``, ``explore_corridor.yaml``, ``explore_office.yaml``, and ``explore_office_thick.yaml``,
+the same office with walls that have a thickness: a beam meets their ends. Doors stand off the middle of
 their walls, in another place from room to room, so that no robot sees far through several.
 """
 
@@ -12,15 +13,21 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import yaml
 
+from cosim.world.offices import thick_walls
+
 SIDE_M: Final = 40.0
+WALL_M: Final = 0.1
+"""Thickness of walls that have one: a cell of the robots' maps."""
 OFF: Final = (-0.3, 0.2, 0.35, -0.15, 0.0)
 """Distances of the doors from the middles of their walls, in lengths of the wall, one after the other."""
 ABOUT: Final = {
     "empty": "nothing but the outer walls",
     "corridor": "a corridor of 3 m from end to end, four rooms of 10 m x 18.5 m on each side, doors of 1.2 m",
     "office": "two corridors of 2.5 m, joined by a third, 24 rooms of 6 m to 7 m by 7.5 m to 10 m, doors of 1 m",
+    "office_thick": "explore_office with walls of 0.1 m, which stand astride its lines",
 }
 Wall = list[float]
 
@@ -57,9 +64,16 @@ def office() -> list[Wall]:
 
 def floor(name: str) -> dict[str, Any]:
     """Return the floor *name* as its ``.yaml`` has it."""
+    extent = {"name": f"explore_{name}", "bounds_m": [0.0, 0.0, SIDE_M, SIDE_M]}
+    if name == "office_thick":
+        return extent | {"polygons": _rounded(thick_walls(np.array(office()), WALL_M))}
     walls = {"empty": list, "corridor": corridor, "office": office}[name]()
-    rounded = [[round(number, 3) for number in wall] for wall in walls]
-    return {"name": f"explore_{name}", "bounds_m": [0.0, 0.0, SIDE_M, SIDE_M], "walls": rounded}
+    return extent | {"walls": _rounded(walls)}
+
+
+def _rounded(rows: Any) -> Any:
+    """Return lists of lists of numbers with the numbers in whole millimetres."""
+    return [_rounded(row) for row in rows] if isinstance(rows, list | tuple) else round(rows, 3)
 
 
 def text(name: str) -> str:

@@ -88,6 +88,11 @@ class CoverageReferee(Referee):
         whole = np.count_nonzero(self._wanted)
         return float(np.count_nonzero(self._since[self._wanted] >= 0) / whole) if whole else math.nan
 
+    @property
+    def coverable(self) -> int:
+        """Number of cells that can be covered; only computed on request."""
+        return int(np.count_nonzero(self._wanted))
+
     def times_s(self, shares: Sequence[float]) -> list[float]:
         """Return when each of *shares* of what can be covered had been covered; NaN if it never was."""
         since = self._since[self._wanted]

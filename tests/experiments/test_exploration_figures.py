@@ -94,11 +94,13 @@ def test_a_run_that_sees_less_is_watched_to_its_end(room: Path):
 
 @pytest.mark.slow
 def test_the_coverage_that_is_watched_is_that_of_the_metrics(room: Path):
-    scenario = small(room, "scenario.duration_s=10")
+    scenario = small(room, "scenario.duration_s=10", "scenario.team.senses.beam_range_m=1")
     plain = scenario.model_dump(mode="json") | {"floorplan": {"map": str(room)}}
     found = measure({"scenario": plain}, 1)
     assert set(found) == {column.name for column in COLUMNS}
     assert watch(scenario, 1).pictures[-1].coverage == found["coverage"]
+    # two robots at 0.3 m/s see 95 % of 45 m2 at least, by a range of 1 m and a cell's diagonal
+    assert found["bound_s"] == pytest.approx((0.95 * 45 / 2 - np.pi * 1.1414**2) / (2 * 1.1414 * 0.3), rel=0.02)
 
 
 @pytest.mark.slow

@@ -263,6 +263,17 @@ def test_a_ways_covariance_is_that_of_the_robots_odometry():
     )
 
 
+@pytest.mark.parametrize("more", [0.5, 3.0])
+def test_errors_of_odometry_that_grow_with_the_speed_are_those_of_other_errors_at_one_speed(more):
+    """Ticks of 3 cm, of which the errors are told for another way."""
+    grown, plain = Way(), Way()
+    for k in range(1, 9):
+        pose = 0.03 * k, 0.0, 0.0
+        grown = further(grown, *pose, SLIP, TURN_RAD, 0.03 / more)
+        plain = further(plain, *pose, more * SLIP, more * TURN_RAD)
+    assert grown.covariance == pytest.approx(plain.covariance)
+
+
 def test_corners_are_measured_with_the_errors_that_they_share_with_their_walls():
     draw = np.random.default_rng(1)
     ranges = ring(ROOMS, (2.0, 1.5, 0.3), 0.0, draw)

@@ -225,6 +225,18 @@ def test_slip_makes_the_way_wrong_and_turning_the_direction() -> None:
     assert np.std(headings) == pytest.approx(0.1 * math.sqrt(4.0 / 3.0), rel=0.15)
 
 
+def test_errors_of_odometry_may_grow_with_the_speed() -> None:
+    """At 1 m/s a tick's way is 0.1 m: told for half of it, errors are twice as large."""
+    for name in ("odometry_slip", "odometry_turn_rad"):
+        grown, plain, same = (
+            driven(4.0, **{name: error}, odometry_way_m=at_m)[0]
+            for error, at_m in ((0.1, 0.05), (0.2, None), (0.2, 0.1))
+        )
+        assert (grown.x_m, grown.y_m, grown.heading_rad) == pytest.approx((plain.x_m, plain.y_m, plain.heading_rad))
+        assert (same.x_m, same.y_m, same.heading_rad) == pytest.approx((plain.x_m, plain.y_m, plain.heading_rad))
+        assert (plain.x_m, plain.y_m) != pytest.approx((4.1, 0.0), abs=1e-4)
+
+
 def test_what_a_drifting_robot_sees_lies_relative_to_where_it_takes_itself_to_be() -> None:
     scene = Scene([(0.0, 0.0), (9.0, 3.0)], odometry_slip=0.3, odometry_turn_rad=0.3)
     scene.look()

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from cosim.errors import UserError
 from cosim.geometry.grids import coverage_grid
 from cosim.geometry.segments import sees
-from cosim.world.floorplan import FloorplanSettings, load_floorplan
-from cosim.world.offices import OfficeSettings, office_walls
+from cosim.world.floorplan import WALL_LOSS_DB, FloorplanSettings, load_floorplan
+from cosim.world.offices import OfficeSettings, office_walls, thick_walls
 from cosim.world.sight import wall_losses_db
 from tests.checkout import ROOT
 
@@ -149,9 +149,49 @@ def test_an_office_depends_on_its_seed_only():
     assert office_walls(OfficeSettings(seed=5)).tolist() != office_walls(OfficeSettings(seed=6)).tolist()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_thick_walls_of_an_office_stand_astride_the_lines_of_thin_ones(seed):
+    office = {"width_m": 24.0, "rooms": 7, "seed": seed}
+    thin, thick = floor(office=office), floor(office={**office, "wall_m": 0.3})
+    inner = [line for line in thin.geometry.geoms if not touches_edge(line, thin.bounds_m)]
+    points = np.random.default_rng(seed).uniform((0, 0), (24, 12), (4000, 2))
+    points = np.concatenate((points, np.linspace((0, 5.1), (24, 5.1), 500), np.linspace((0, 4.9), (24, 4.9), 500)))
+    near = np.zeros(len(points), bool)
+    for line in inner:  # within half of the thickness, beside the wall and not beyond its ends
+        (ax, ay), (bx, by) = line.coords
+        along = ((points - (ax, ay)) @ (bx - ax, by - ay)) / line.length
+        near |= (shapely.distance(line, shapely.points(points)) < 0.15) & (along >= 0) & (along <= line.length)
+    assert near.sum() > 300
+    assert thick.forbidden(points).tolist() == near.tolist()
+    grid = cells(thick, 0.1, 0.3)
+    assert (grid.reachable == grid.free).all()
+
+
+def touches_edge(line, bounds):
+    return line.within(shapely.box(*bounds).exterior)
+
+
+def test_a_signal_loses_as_much_in_a_thick_wall_of_an_office_as_in_a_thin_one():
+    for wall_m in (0.0, 0.2):
+        plan = floor(office={"seed": 1, "wall_m": wall_m}, wall_kind="heavy")
+        (x, y, far_x, _), *_ = [wall for wall in office_walls(OfficeSettings()).tolist() if wall[1] == wall[3] == 7.0]
+        middle = (x + far_x) / 2
+        loss = wall_losses_db(plan.grid, plan.wall_loss_db, [(middle, y - 0.5), (middle, y + 0.5)])
+        assert loss[0, 1] == pytest.approx(WALL_LOSS_DB["heavy"])
+
+
+def test_corners_of_thick_walls_are_whole_and_what_is_shut_in_is_refused():
+    (corner,) = thick_walls(np.array([(0.0, 0, 4, 0), (4, 0, 4, 3)]), 0.2)
+    assert set(corner) == {(0, -0.1), (4.1, -0.1), (4.1, 3), (3.9, 3), (3.9, 0.1), (0, 0.1)}
+    with pytest.raises(ValueError, match="expected a door to everywhere"):
+        thick_walls(np.array([(0.0, 0, 4, 0), (4, 0, 4, 3), (4, 3, 0, 0)]), 0.2)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
+        ({"wall_m": 0.4}, "less than 0.4"),
+        ({"wall_m": 0.3, "corridor_m": 0.25}, "is not < 0.25, corridor_m"),
         ({"rooms": 40}, "is too many: with doors of 1.0 m, 28 fit into width_m"),
         ({"corridor_m": 11.0}, "leaves rooms a depth of 0.5 m beside corridor_m, expected 1.4 m"),
         ({"door_m": -1}, "greater than 0"),
