@@ -105,6 +105,11 @@ class Parameters(Settings):
         gt=0,
         description="MITO: time-out, s a square metre of floor over the number of targets; ways there and back fit in",
     )
+    timeout_armed: Literal["always", "find"] = Field(
+        default="always",
+        description='MITO: the time-out holds for all searchers "always", predefined as in section III.D, or for one '
+        'only after its own first "find", as in the case for which that section proposes it',
+    )
     interception_rounds: Count = Field(
         default=1, ge=0, description="rounds of predicting where to meet a moving host; 0: go where it is now"
     )

@@ -316,7 +316,8 @@ class Searcher(Drains):
         if self._appointed is not None:
             return now >= self._appointed
         if self._times_out:
-            return now - self._heard > self._timeout
+            armed = self.parameters.timeout_armed == "always" or bool(self.findings.targets)
+            return armed and now - self._heard > self._timeout
         if self._reconvenes:
             host, courses = self.membership.host, self.membership.courses
             return host in courses and now >= courses[host].departed + self._reconvene

@@ -247,6 +247,7 @@ def test_no_choice_is_what_the_sweep_has(name: str):
 def test_alternatives_have_the_arms_of_every_claim(name: str):
     stream, arms = np.random.default_rng(1), load_experiment(EXPERIMENTS / name / "alternatives.yaml").arms
     metrics = ["search_time_min", "completed", "distance_m", "distance_after_m", "payload_bytes", "frames", "energy_j"]
+    metrics.append("simulated_s")
     runs = pd.DataFrame(
         {**one.labels, "replicate": at, **dict.fromkeys(metrics, stream.integers(1, 3))}
         for one in arms
