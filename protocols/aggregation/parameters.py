@@ -116,6 +116,11 @@ class Parameters(Settings):
 
     heartbeat_s: Period = Field(default=1.0, gt=0, description="s, from one heartbeat of a host to the next")
     fresh_s: Seconds = Field(default=2.5, gt=0, description="s, so long after its heartbeat a host is in contact")
+    stream_bytes_per_s: Rate = Field(
+        default=0.0,
+        ge=0,
+        description="B/s that each searcher in contact sends its host beside messages: of its map, pictures or video",
+    )
     detector: DetectorSettings = Field(
         default=FixedTimeoutSettings(timeout_s=5.0), description="how hosts detect that another has failed"
     )
