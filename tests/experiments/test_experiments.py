@@ -28,7 +28,7 @@ TINY = {
     "aggregation_search": (20, ["duration_s=20", "case=normal"]),
 }
 """By experiment: seconds, and what makes its runs last so long."""
-DECLARED = {"aggregation_channels": ("loads",)}
+DECLARED = {"aggregation_channels": ("loads",), "aggregation_search": ("joint",)}
 """Sheets of variations, beside the alternatives."""
 
 
@@ -233,6 +233,22 @@ def test_without_a_load_the_runs_are_those_of_the_sweep_but_for_queues_and_else_
         for radio in plain["channel"]["radios"]:
             radio.pop("queue_payloads", None)
         assert found == plain
+
+
+def test_tether_camera_and_rooms_are_varied_together_and_nothing_else_is():
+    sheets = (load_experiment(EXPERIMENTS / "aggregation_search" / f"{name}.yaml") for name in ("joint", "sweep"))
+    chosen, usual = ({tuple(one.labels.values()): one.scenario for one in each.arms} for each in sheets)
+    assert len(chosen) == 8 * 4 * 3
+    kinds = set()
+    for (_, *labels), scenario in chosen.items():
+        found, plain = (one.model_dump(exclude={"name"}) for one in (scenario, usual[tuple(labels)]))
+        own, radio = found["protocol"]["parameters"], found["channel"]["radios"][1]
+        assert own["long_m"] == radio["range_m"]
+        kinds.add((found["floorplan"].pop("map"), own.pop("camera_m"), own.pop("long_m"), radio.pop("range_m")))
+        del plain["floorplan"]["map"], plain["channel"]["radios"][1]["range_m"]
+        del plain["protocol"]["parameters"]["camera_m"], plain["protocol"]["parameters"]["long_m"]
+        assert found == plain
+    assert len(kinds) == 8
 
 
 # ---------------------------------------------------------------- alternatives
