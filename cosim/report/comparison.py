@@ -88,6 +88,14 @@ def saving(runs: pd.DataFrame, arm: Arm, than: Arm, metric: str) -> "pd.Series[f
     return shares.dropna()
 
 
+def per_minute(runs: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:
+    """Return *runs* with a column ``METRIC_per_min`` for each of *metrics* that they have: over the time of the run."""
+    if "simulated_s" not in runs:
+        return runs
+    minutes = runs["simulated_s"] / 60.0
+    return runs.assign(**{f"{metric}_per_min": runs[metric] / minutes for metric in metrics if metric in runs})
+
+
 def log_spread(runs: pd.DataFrame, arms: Sequence[Arm], metric: str) -> "pd.Series[float]":
     """Return the logarithm of the largest over the smallest *metric* among *arms*, by replicate."""
     table = paired(runs, arms, metric)

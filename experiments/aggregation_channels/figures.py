@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.experiment import axis_titles
-from cosim.report.comparison import Answer, Arm, less, mostly
+from cosim.report.comparison import Answer, Arm, less, mostly, per_minute
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
 
@@ -30,7 +30,15 @@ UNITS: Final = {
     "frames": "frames",
     "energy_j": "J",
 }
-"""Units of what strategies cost, in answers."""
+"""Units of what strategies cost, by the task, in answers."""
+BY_MINUTE: Final = ("payload_bytes", "frames", "distance_m", "energy_j")
+"""Costs that are also asked by the minute: a strategy whose searches last longer has more of all of them."""
+RATES: Final = {f"{metric}_per_min": f"{UNITS[metric]}/min" for metric in BY_MINUTE}
+"""Units of costs by the minute."""
+SAID: Final = ("payload_bytes", "frames", "payload_bytes_per_min", "frames_per_min")
+"""Costs of communication."""
+NEEDED: Final = ("distance_m", "energy_j", "distance_m_per_min", "energy_j_per_min")
+"""Costs of travel, and of all."""
 NETWORKS: Final = ("ideal", "adhoc", "jammed")
 STRATEGIES: Final = (*OURS, "mito")
 SLIGHT: Final = 1.1
@@ -71,12 +79,18 @@ def handles_jamming(strategy: str, runs: pd.DataFrame, observations: pd.DataFram
 
 def says_more(metric: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has more of *metric* than MRP."""
-    return less(runs, [("MRP against MI:", _arm("mrp", network), _arm("mi", network))], metric, unit=UNITS[metric])
+    return _compared("mrp", "mi", metric, network, runs)
 
 
 def needs_less(metric: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has less of *metric* than MRP."""
-    return less(runs, [("MI against MRP:", _arm("mi", network), _arm("mrp", network))], metric, unit=UNITS[metric])
+    return _compared("mi", "mrp", metric, network, runs)
+
+
+def _compared(strategy: str, than: str, metric: str, network: str, runs: pd.DataFrame) -> Answer:
+    """Answer whether *strategy* has less of *metric*, by the task or by the minute, than another."""
+    pair = f"{NAMES[strategy]} against {NAMES[than]}:", _arm(strategy, network), _arm(than, network)
+    return less(per_minute(runs, BY_MINUTE), [pair], metric, unit=(UNITS | RATES)[metric])
 
 
 def spares(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -115,9 +129,5 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
 
 globals().update({f"{t.__name__}_{network}": partial(t, network) for t in (fastest, spares) for network in NETWORKS})
 globals().update({f"{t.__name__}_{s}": partial(t, s) for t in (survives_adhoc, handles_jamming) for s in STRATEGIES})
-globals().update(
-    {f"says_more_{m}_{n}": partial(says_more, m, n) for m in ("payload_bytes", "frames") for n in NETWORKS}
-)
-globals().update(
-    {f"needs_less_{m}_{n}": partial(needs_less, m, n) for m in ("distance_m", "energy_j") for n in NETWORKS}
-)
+globals().update({f"says_more_{m}_{n}": partial(says_more, m, n) for m in SAID for n in NETWORKS})
+globals().update({f"needs_less_{m}_{n}": partial(needs_less, m, n) for m in NEEDED for n in NETWORKS})

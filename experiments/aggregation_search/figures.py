@@ -25,6 +25,7 @@ from cosim.report.comparison import (
     less,
     mostly,
     paired,
+    per_minute,
     spread_of_means,
 )
 from cosim.report.estimates import estimates
@@ -44,7 +45,15 @@ UNITS: Final = {
     "frames": "frames",
     "energy_j": "J",
 }
-"""Units of what strategies cost, in answers."""
+"""Units of what strategies cost, by the task, in answers."""
+BY_MINUTE: Final = ("payload_bytes", "frames", "distance_m", "energy_j")
+"""Costs that are also asked by the minute: a strategy whose searches last longer has more of all of them."""
+RATES: Final = {f"{metric}_per_min": f"{UNITS[metric]}/min" for metric in BY_MINUTE}
+"""Units of costs by the minute."""
+SAID: Final = ("payload_bytes", "frames", "payload_bytes_per_min", "frames_per_min")
+"""Costs of communication."""
+NEEDED: Final = ("distance_m", "energy_j", "distance_m_per_min", "energy_j_per_min")
+"""Costs of travel, and of all."""
 CASES: Final = ("normal", "out_of_range", "failed")
 FAULTS: Final = CASES[1:]
 STRATEGIES: Final = ("srp", "mrp", "mi", "mito")
@@ -139,12 +148,18 @@ def robust(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFr
 
 def says_more(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has more of *metric* than MRP."""
-    return less(runs, [("MRP against MI:", _arm("mrp", case), _arm("mi", case))], metric, unit=UNITS[metric])
+    return _compared("mrp", "mi", metric, case, runs)
 
 
 def needs_less(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has less of *metric* than MRP."""
-    return less(runs, [("MI against MRP:", _arm("mi", case), _arm("mrp", case))], metric, unit=UNITS[metric])
+    return _compared("mi", "mrp", metric, case, runs)
+
+
+def _compared(strategy: str, than: str, metric: str, case: str, runs: pd.DataFrame) -> Answer:
+    """Answer whether *strategy* has less of *metric*, by the task or by the minute, than another."""
+    pair = f"{NAMES[strategy]} against {NAMES[than]}:", _arm(strategy, case), _arm(than, case)
+    return less(per_minute(runs, BY_MINUTE), [pair], metric, unit=(UNITS | RATES)[metric])
 
 
 def spares(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -217,8 +232,8 @@ globals().update(
 )
 globals().update({f"faster_than_random_{s}_{c}": partial(faster_than_random, s, c) for s in STRATEGIES for c in CASES})
 globals().update({f"robust_{s}_{case}": partial(robust, s, case) for s in STRATEGIES for case in FAULTS})
-globals().update({f"says_more_{m}_{c}": partial(says_more, m, c) for m in ("payload_bytes", "frames") for c in CASES})
-globals().update({f"needs_less_{m}_{c}": partial(needs_less, m, c) for m in ("distance_m", "energy_j") for c in CASES})
+globals().update({f"says_more_{m}_{c}": partial(says_more, m, c) for m in SAID for c in CASES})
+globals().update({f"needs_less_{m}_{c}": partial(needs_less, m, c) for m in NEEDED for c in CASES})
 globals().update({f"spares_{m}_{c}": partial(spares, m, c) for m in ("distance_after_m", "energy_j") for c in CASES})
 globals().update(
     {f"motion_dominates_{strategy}": partial(motion_dominates, strategy) for strategy in (*STRATEGIES, "random")}

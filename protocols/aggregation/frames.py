@@ -27,6 +27,7 @@ from protocols.aggregation.messages import (
     Join,
     Leave,
     Message,
+    Piece,
     Plan,
     Plans,
     Receipt,
@@ -176,6 +177,10 @@ def _written_assign(code: int, sender: Address, order: Assign) -> bytes:
     return ASSIGN.pack(MAGIC, code, sender, epoch, number, len(posts)) + _numbers(len(posts)).pack(*posts)
 
 
+def _written_piece(code: int, sender: Address, piece: Piece) -> bytes:
+    return HEAD.pack(MAGIC, code, sender) + COUNT.pack(len(piece.data)) + piece.data
+
+
 @lru_cache(maxsize=REMEMBERED)
 def _numbers(count: int) -> Struct:
     return Struct(f">{count}H")
@@ -243,7 +248,7 @@ def _read_targets(data: bytes, at: int, count: int) -> tuple[tuple[Finding, ...]
     return targets, end
 
 
-def _read_visited(data: bytes, at: int) -> tuple[bytes, int]:
+def _read_bytes(data: bytes, at: int) -> tuple[bytes, int]:
     at += COUNT.size
     end = at + int(COUNT.unpack_from(data, at - COUNT.size)[0])
     return data[at:end], end
@@ -262,7 +267,7 @@ def _read_plans(data: bytes) -> tuple[Plans, int]:
 
 def _read_status(data: bytes) -> tuple[Status, int]:
     targets, at = _read_targets(data, HEAD.size + 1, data[HEAD.size])
-    visited, at = _read_visited(data, at)
+    visited, at = _read_bytes(data, at)
     end = at + 1 + MEMBER.size * data[at]
     members: tuple[tuple[Address, int], ...] = tuple(MEMBER.iter_unpack(data[at + 1 : end]))
     plan, end = _read_plan(data, end)
@@ -272,7 +277,7 @@ def _read_status(data: bytes) -> tuple[Status, int]:
 def _read_report(data: bytes) -> tuple[Report, int]:
     _, _, _, number, epoch, count = REPORT.unpack_from(data)
     targets, at = _read_targets(data, REPORT.size, count)
-    visited, end = _read_visited(data, at)
+    visited, end = _read_bytes(data, at)
     return Report(number, epoch, targets, visited), end
 
 
@@ -280,6 +285,11 @@ def _read_assign(data: bytes) -> tuple[Assign, int]:
     _, _, _, epoch, number, count = ASSIGN.unpack_from(data)
     posts = _numbers(count)
     return Assign(epoch, number, posts.unpack_from(data, ASSIGN.size)), ASSIGN.size + posts.size
+
+
+def _read_piece(data: bytes) -> tuple[Piece, int]:
+    content, end = _read_bytes(data, HEAD.size)
+    return Piece(content), end
 
 
 # ---------------------------------------------------------------- messages of fixed length
@@ -318,6 +328,7 @@ _CODECS: Final[dict[type[Any], tuple[Callable[[int, Address, Any], bytes], Calla
     Leave: _fixed(Leave, "H"),
     Stop: _fixed(Stop, ""),
     Stopped: _fixed(Stopped, ""),
+    Piece: (_written_piece, _read_piece),
 }
 """Writer and reader of each kind; the kind's byte on the wire is its position here, from 1."""
 CODES: Final = {kind: code for code, kind in enumerate(_CODECS, 1)}

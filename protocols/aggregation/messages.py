@@ -140,6 +140,12 @@ class Stopped(NamedTuple):
     """From a searcher: it has stopped."""
 
 
+class Piece(NamedTuple):
+    """From a searcher to its host: a piece of a map, a picture or a video; what is in it means nothing here."""
+
+    data: bytes
+
+
 Message: TypeAlias = (
-    Heartbeat | Plans | Status | Hello | Report | Receipt | Assign | Join | Confirm | Leave | Stop | Stopped
+    Heartbeat | Plans | Status | Hello | Report | Receipt | Assign | Join | Confirm | Leave | Stop | Stopped | Piece
 )

@@ -105,12 +105,22 @@ class Parameters(Settings):
         gt=0,
         description="MITO: time-out, s a square metre of floor over the number of targets; ways there and back fit in",
     )
+    timeout_armed: Literal["always", "find"] = Field(
+        default="always",
+        description='MITO: the time-out holds for all searchers "always", predefined as in section III.D, or for one '
+        'only after its own first "find", as in the case for which that section proposes it',
+    )
     interception_rounds: Count = Field(
         default=1, ge=0, description="rounds of predicting where to meet a moving host; 0: go where it is now"
     )
 
     heartbeat_s: Period = Field(default=1.0, gt=0, description="s, from one heartbeat of a host to the next")
     fresh_s: Seconds = Field(default=2.5, gt=0, description="s, so long after its heartbeat a host is in contact")
+    stream_bytes_per_s: Rate = Field(
+        default=0.0,
+        ge=0,
+        description="B/s that each searcher in contact sends its host beside messages: of its map, pictures or video",
+    )
     detector: DetectorSettings = Field(
         default=FixedTimeoutSettings(timeout_s=5.0), description="how hosts detect that another has failed"
     )

@@ -48,6 +48,7 @@ from protocols.aggregation.radio import Radio
 from protocols.aggregation.rendezvous import Rendezvous
 from protocols.aggregation.roster import Membership
 from protocols.aggregation.setup import Setup
+from protocols.aggregation.streaming import Stream
 from protocols.aggregation.touring import Motion
 from protocols.detection.incarnations import Incarnation
 
@@ -141,6 +142,9 @@ class Searcher(Drains):
         self.state = State.WAIT
         self.membership = Membership(None if rebooted else setup.host_of(me), 0)
         self._radio = Radio(me, self.counters, self._outbox, self._events)
+        self._stream: Stream | None = None
+        if parameters.stream_bytes_per_s:
+            self._stream = Stream(parameters.stream_bytes_per_s, setup.tick, self._radio)
         self._reports = Reports(self.findings, len(setup.ground.posts_m))
         self._camera = Camera(setup.targets_m, parameters.camera_m)
         self._motion = motion
@@ -240,6 +244,9 @@ class Searcher(Drains):
         self._integrate(now)
         if not self._over:
             self._decide(observation, now)
+            host = self.membership.host
+            if self._stream is not None and host is not None and self._in_contact(now):
+                self._stream.flow(host)
         command = self._walk(observation, now)
         if command is not None:
             self._commands.append(command)
@@ -316,7 +323,8 @@ class Searcher(Drains):
         if self._appointed is not None:
             return now >= self._appointed
         if self._times_out:
-            return now - self._heard > self._timeout
+            armed = self.parameters.timeout_armed == "always" or bool(self.findings.targets)
+            return armed and now - self._heard > self._timeout
         if self._reconvenes:
             host, courses = self.membership.host, self.membership.courses
             return host in courses and now >= courses[host].departed + self._reconvene

@@ -70,12 +70,16 @@ def costs(strategy: str, sign: int = 1) -> Row:
     return {"distance_m": driven, "distance_after_m": driven / 10} | joules | sent
 
 
+def lasted(minutes: float) -> Row:
+    return {"search_time_min": minutes, "simulated_s": 60.0 * minutes}
+
+
 def searched(arm: Row) -> Row:
     fault = {"normal": 0.0, "out_of_range": 1.0, "failed": 4.0}[arm["case"]]
     weight = {"srp": 0.1, "mrp": 1.0, "mi": 0.6, "mito": 0.6, "random": 1.0}[arm["strategy"]]
     base = {"srp": 12.0, "mrp": 10.0, "mi": 8.0, "mito": 8.5, "random": 25.0}[arm["strategy"]]
     later = {"srp": 30.0, "mrp": 90.0}.get(arm["strategy"], 60.0)
-    return {"search_time_min": base + weight * fault, "rejoin_time_s": later} | costs(arm["strategy"])
+    return lasted(base + weight * fault) | {"rejoin_time_s": later} | costs(arm["strategy"])
 
 
 def searched_otherwise(arm: Row) -> Row:
@@ -83,7 +87,7 @@ def searched_otherwise(arm: Row) -> Row:
     base = {"srp": 12.0, "mrp": 14.0, "mi": 25.0, "mito": 25.0, "random": 8.0}[arm["strategy"]]
     weight = {"srp": 1.2, "mrp": 0.8, "mi": 1.0, "mito": 1.0, "random": 0.0}[arm["strategy"]]
     later = {"srp": 90.0, "mrp": 30.0}.get(arm["strategy"], 60.0)
-    return {"search_time_min": base + weight * fault, "rejoin_time_s": later} | costs(arm["strategy"], -1)
+    return lasted(base + weight * fault) | {"rejoin_time_s": later} | costs(arm["strategy"], -1)
 
 
 LAB = {"srp": (10, 10.3, 10.6, 11), "mrp": (7, 9, 10.5, 14), "mi": (3, 5, 7, 9), "random": (19, 19, 20, 20)}
@@ -152,6 +156,20 @@ def test_what_varies_least_is_judged_by_the_scatter_and_not_by_the_mean(case: st
     assert answer("aggregation_search", test, runs)[1] is False
     assert answer("aggregation_search", test, NONE) == ("-", None)
     assert answer("aggregation_search", test, ONE["aggregation_search"])[1] is None
+
+
+@pytest.mark.parametrize(("name", "arm"), [("aggregation_search", "normal"), ("aggregation_channels", "adhoc")])
+def test_who_takes_twice_as_long_may_say_more_by_the_task_and_less_by_the_minute(name: str, arm: str) -> None:
+    runs = RIGHT[name].copy()
+    slow = runs["strategy"] == "mrp"
+    runs["simulated_s"] = np.where(slow, 1200.0, 600.0)
+    runs["frames"] = runs["energy_j"] = np.where(slow, 15.0, 10.0) + 0.1 * np.sin(runs["replicate"])
+    assert answer(name, f"says_more_frames_{arm}", runs)[1] is False
+    assert answer(name, f"needs_less_energy_j_{arm}", runs)[1]
+    words, holds = answer(name, f"says_more_frames_per_min_{arm}", runs)
+    assert holds, words
+    assert "frames/min" in words
+    assert answer(name, f"needs_less_energy_j_per_min_{arm}", runs)[1] is False
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,16 @@ MODULES: dict[str, Any] = {"deployment_strategies": strategies, "deployment_wean
 NONE = pd.DataFrame()
 REPLICATES = 12
 MOST = 8
-EXACT = ("deployed", "stages", "collisions", "wall_contacts", *(f"moving_{n}" for n in range(1, MOST + 1)))
-DECIDED_BY_ONE = ("moving", "four_to_b", "ahead", "equal")
+EXACT = (
+    "deployed",
+    "plans_done",
+    "refused",
+    "stages",
+    "collisions",
+    "wall_contacts",
+    *(f"moving_{n}" for n in range(1, MOST + 1)),
+)
+DECIDED_BY_ONE = ("moving", "four_to_b", "ahead", "refuses", "equal")
 """Where every single run decides, one is enough."""
 Row = dict[str, Any]
 
@@ -75,6 +83,15 @@ def deployed(sign: int, arm: Row) -> Row:
 
 def typical(sign: int, arm: Row) -> Row:
     right = sign == 1
+    if arm["calls"] != "deploy":  # as far from what is asked of the others as can be
+        odd = dict.fromkeys(("until_deployed_s", "way_m", "moving_1"), 1000.0 if right else 210.0)
+        refused = float((arm["calls"] == wean.TOO_SOON) == right)
+        returned = {"plans_done": 2.0 if right else 1.0, "deployed": 1.0}
+        return (
+            odd
+            | returned
+            | {"refused": refused, "leap_ahead_s": -9.0 if right else 9.0, "collisions": 0.0, "wall_contacts": 0.0}
+        )
     return {
         "until_deployed_s": 210.0 if right else 150.0,
         "way_m": 50.5 if right else 60.0,
@@ -88,7 +105,8 @@ def typical(sign: int, arm: Row) -> Row:
 
 def runs_of(name: str, sign: int, replicates: int) -> pd.DataFrame:
     if name == "deployment_wean":
-        return sweep({"network": wean.NETWORKS}, lambda arm: typical(sign, arm), replicates)
+        axes = {"network": wean.NETWORKS, "calls": ("deploy", "return", wean.TOO_SOON, wean.IN_GOOD_TIME)}
+        return sweep(axes, lambda arm: typical(sign, arm), replicates)
     axes = {"strategy": strategies.STRATEGIES, "augmentation": ("with", "without"), "robots": strategies.SIZES}
     found = sweep(axes, lambda arm: deployed(sign, arm), replicates)
     if sign == -1:  # numbers of moving robots are asked of whole deployments
@@ -126,6 +144,25 @@ def test_a_time_in_the_range_has_its_whole_interval_there(mean_s: float, holds: 
     times = [mean_s + 4.0 * (-1) ** replicate for replicate in range(10)]  # half an interval is 3 s
     runs = pd.DataFrame({"network": "ideal", "replicate": range(10), "until_deployed_s": times})
     assert getattr(wean, "time_ideal")(runs, NONE)[1] is holds  # noqa: B009
+
+
+@pytest.mark.parametrize(("refused", "identified"), [((1, 0), True), ((1, 1), False), ((0, 0), False)])
+def test_a_planner_that_refuses_every_call_or_none_identifies_nothing(
+    refused: tuple[int, int], identified: bool
+) -> None:
+    calls = dict(zip((wean.TOO_SOON, wean.IN_GOOD_TIME), refused, strict=True))
+    rows = [
+        {"network": "ideal", "calls": each, "replicate": at, "refused": calls[each]} for each in calls for at in (0, 1)
+    ]
+    assert getattr(wean, "refuses_ideal")(pd.DataFrame(rows), NONE)[1] is identified  # noqa: B009
+
+
+def test_sheets_without_the_axis_of_calls_are_judged_by_what_they_deploy() -> None:
+    runs = runs_of("deployment_wean", 1, 30)
+    plain = runs[runs["calls"] == "deploy"].drop(columns="calls")
+    for claim in CLAIMS["deployment_wean"].values():
+        known = not claim.id.startswith(("returns", "refuses"))
+        assert judge(claim, plain, NONE, wean).verdict == ("holds" if known else "no data")
 
 
 def test_interference_that_is_as_high_with_the_augmentations_is_not_lowered() -> None:

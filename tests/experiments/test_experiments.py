@@ -28,6 +28,8 @@ TINY = {
     "aggregation_search": (20, ["duration_s=20", "case=normal"]),
 }
 """By experiment: seconds, and what makes its runs last so long."""
+DECLARED = {"aggregation_channels": ("loads",), "aggregation_search": ("joint",)}
+"""Sheets of variations, beside the alternatives."""
 
 
 def title(path: Path) -> str:
@@ -53,9 +55,8 @@ def scenario_of(one: Arm, seed: int = 1) -> Scenario:
 
 
 def test_there_are_four_experiments_with_a_sheet_of_alternatives_each():
-    assert [title(path) for path in SWEEPS] == [
-        f"{name}-{sheet}" for name in TINY for sheet in ("alternatives", "sweep")
-    ]
+    sheets = {name: {"alternatives", "sweep", *DECLARED.get(name, ())} for name in TINY}
+    assert [title(path) for path in SWEEPS] == [f"{name}-{sheet}" for name in TINY for sheet in sorted(sheets[name])]
 
 
 @pytest.mark.slow
@@ -214,6 +215,42 @@ def test_jammers_reach_every_place_where_hosts_may_be_and_only_the_short_radio_a
     assert [radio.channel for radio in channel.radios] == [1, 13]
 
 
+def test_without_a_load_the_runs_are_those_of_the_sweep_but_for_queues_and_else_searchers_send_that_much():
+    sheets = (load_experiment(EXPERIMENTS / "aggregation_channels" / f"{name}.yaml") for name in ("loads", "sweep"))
+    chosen, usual = ({tuple(one.labels.values()): one.scenario for one in each.arms} for each in sheets)
+    loads = {"status": 0, "map": 18_000, "picture": 35_000, "video": 120_000, "video at 11 Mb/s": 120_000}
+    assert len(chosen) == len(loads) * 4 * 2
+    for (choice, *labels), scenario in chosen.items():
+        found, plain = (one.model_dump(exclude={"name"}) for one in (scenario, usual[tuple(labels)]))
+        assert found["protocol"]["parameters"].pop("stream_bytes_per_s") == loads[choice]
+        assert plain["protocol"]["parameters"].pop("stream_bytes_per_s") == 0
+        for radio in found["channel"]["radios"]:
+            assert radio.pop("queue_payloads", None) == (1000 if labels[-1] == "adhoc" else None)
+        short = found["channel"]["radios"][0]
+        if choice == "video at 11 Mb/s" and labels[-1] == "adhoc":
+            assert short["rate_mbps"] == 11
+            short["rate_mbps"] = None
+        for radio in plain["channel"]["radios"]:
+            radio.pop("queue_payloads", None)
+        assert found == plain
+
+
+def test_tether_camera_and_rooms_are_varied_together_and_nothing_else_is():
+    sheets = (load_experiment(EXPERIMENTS / "aggregation_search" / f"{name}.yaml") for name in ("joint", "sweep"))
+    chosen, usual = ({tuple(one.labels.values()): one.scenario for one in each.arms} for each in sheets)
+    assert len(chosen) == 8 * 4 * 3
+    kinds = set()
+    for (_, *labels), scenario in chosen.items():
+        found, plain = (one.model_dump(exclude={"name"}) for one in (scenario, usual[tuple(labels)]))
+        own, radio = found["protocol"]["parameters"], found["channel"]["radios"][1]
+        assert own["long_m"] == radio["range_m"]
+        kinds.add((found["floorplan"].pop("map"), own.pop("camera_m"), own.pop("long_m"), radio.pop("range_m")))
+        del plain["floorplan"]["map"], plain["channel"]["radios"][1]["range_m"]
+        del plain["protocol"]["parameters"]["camera_m"], plain["protocol"]["parameters"]["long_m"]
+        assert found == plain
+    assert len(kinds) == 8
+
+
 # ---------------------------------------------------------------- alternatives
 
 
@@ -247,6 +284,7 @@ def test_no_choice_is_what_the_sweep_has(name: str):
 def test_alternatives_have_the_arms_of_every_claim(name: str):
     stream, arms = np.random.default_rng(1), load_experiment(EXPERIMENTS / name / "alternatives.yaml").arms
     metrics = ["search_time_min", "completed", "distance_m", "distance_after_m", "payload_bytes", "frames", "energy_j"]
+    metrics.append("simulated_s")
     runs = pd.DataFrame(
         {**one.labels, "replicate": at, **dict.fromkeys(metrics, stream.integers(1, 3))}
         for one in arms

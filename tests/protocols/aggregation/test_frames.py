@@ -21,6 +21,7 @@ from protocols.aggregation.messages import (
     Join,
     Leave,
     Message,
+    Piece,
     Plan,
     Plans,
     Receipt,
@@ -69,6 +70,7 @@ GOLDEN: list[tuple[Message, str]] = [
     (Leave(258), "41 0a 06 0102"),
     (Stop(), "41 0b 06"),
     (Stopped(), "41 0c 06"),
+    (Piece(b"\x05\x80"), "41 0d 06 0002 0580"),
 ]
 KINDS = [type(message).__name__ for message, _ in GOLDEN]
 
@@ -127,6 +129,7 @@ messages: st.SearchStrategy[Any] = st.one_of(
     st.builds(Leave, words),
     st.builds(Stop),
     st.builds(Stopped),
+    st.builds(Piece, bitmaps),
 )
 
 
@@ -262,7 +265,7 @@ def test_a_speed_that_no_host_has_makes_no_frame(kind: str, offset: int, is_now:
         decode(with_single(kind, offset, is_now, bad))
 
 
-@pytest.mark.parametrize("kind", [0, 13, 255])
+@pytest.mark.parametrize("kind", [0, 14, 255])
 def test_an_unknown_kind_or_another_magic_makes_no_frame(kind: int) -> None:
     with pytest.raises(WireError, match="not a frame"):
         decode(sealed(bytes((0x41, kind, 6))))

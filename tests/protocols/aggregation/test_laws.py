@@ -19,6 +19,7 @@ from protocols.aggregation.messages import (
     Hello,
     Join,
     Leave,
+    Piece,
     Receipt,
     Report,
     Stop,
@@ -78,6 +79,12 @@ def test_a_team_whose_finds_wait_for_an_instant_keeps_the_laws() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("nobody_has_booted")
+def test_a_team_whose_searchers_stream_keeps_the_laws() -> None:
+    check_machine(maker("mi", stream_bytes_per_s=20_000.0), STARTS_M, 2 * S)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("detector", ["nfd_s", "nfd_e", "phi_akka", "phi_normal"])
 @pytest.mark.usefixtures("nobody_has_booted")
 def test_teams_keep_the_laws_with_every_detector(detector: str) -> None:
@@ -106,10 +113,10 @@ def test_a_searcher_takes_no_orders_of_robots_that_lead_nobody() -> None:
 
 def test_hosts_and_searchers_take_no_notice_of_what_is_meant_for_the_other_kind() -> None:
     searcher, host = Alone(2, STARTS_M), Alone(0, STARTS_M)
-    for message in (Hello(0, 1.0, 1.0, 0, 0), Report(1, 0, (), b""), Join(9, 1.0, 1.0), Stopped()):
+    for message in (Hello(0, 1.0, 1.0, 0, 0), Report(1, 0, (), b""), Join(9, 1.0, 1.0), Stopped(), Piece(b"x")):
         assert searcher.hears(0, message) == []
         assert host.hears(1, message) == []
-    for message in (Stop(), Confirm(7), Assign(0, 1, (1,)), Receipt(1)):
+    for message in (Stop(), Confirm(7), Assign(0, 1, (1,)), Receipt(1), Piece(b"x")):
         assert host.hears(2, message) == []
         assert host.hears(1, message) == []
 

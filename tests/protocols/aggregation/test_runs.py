@@ -200,6 +200,20 @@ def test_a_time_out_brings_a_searcher_to_its_host_and_back_to_work() -> None:
     assert "due" not in {row["why"] for row in run("mi", camera_m=3.0).told("ErrandChanged")}
 
 
+def test_a_time_out_that_is_armed_by_the_own_find_calls_nobody_who_has_found_nothing() -> None:
+    def due(search: Run) -> dict[bool, int]:
+        """Count the times that searchers were due, by whether they had found a target themselves."""
+        calls = [row for row in search.told("ErrandChanged") if row["why"] == "due"]
+        found = [min(search.times_s("TargetFound", row["source"]), default=math.inf) <= row["s"] for row in calls]
+        return {each: found.count(each) for each in (False, True)}
+
+    always, armed = (run("mito", camera_m=3.0, timeout_s_per_m2=0.06, timeout_armed=how) for how in ("always", "find"))
+    assert due(always)[False] > 0
+    assert due(armed)[False] == 0
+    assert due(armed)[True] > 0
+    assert_all_found_and_stopped(armed)
+
+
 # ---------------------------------------------------------------- random motion, and people
 
 
