@@ -78,9 +78,9 @@ def thick_walls(walls: Floats, wall_m: float) -> list[Ring]:
     An end that no other wall meets stays where it is: a door keeps its width. Raise ValueError for walls that shut
     something in: no outline tells of what lies within.
     """
-    lines = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(walls.reshape(-1, 2, 2))))
+    lines = shapely.line_merge(shapely.MultiLineString(list(walls.reshape(-1, 2, 2))))
     solid = shapely.buffer(lines, wall_m / 2, cap_style="flat", join_style="mitre")
-    parts = shapely.get_parts(shapely.normalize(solid.simplify(0.0)))
+    parts = shapely.get_parts(shapely.normalize(shapely.simplify(solid, 0.0)))
     if shapely.get_num_interior_rings(parts).any():
         raise ValueError("walls shut something in, expected a door to everywhere")
     return [tuple((float(x), float(y)) for x, y in shapely.get_coordinates(part)[:-1]) for part in parts]

@@ -25,7 +25,8 @@ ABOUT: Final = 0.1
 
 def _arm(network: str, runs: pd.DataFrame, calls: str = "deploy") -> Arm:
     """Return the arm of a network; a sheet without the axis ``calls`` only deploys."""
-    return {"network": network} | ({"calls": calls} if calls != "deploy" or "calls" in runs else {})
+    arm: Arm = {"network": network}
+    return arm | ({"calls": calls} if calls != "deploy" or "calls" in runs else {})
 
 
 def _interval(network: str, metric: str, runs: pd.DataFrame) -> tuple[float, float, str]:

@@ -98,8 +98,9 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
 def _bound_s(simulation: Simulation) -> float:
     """Return before when no team that drives as fast as this one's schemas may can have seen 95 %."""
     explorers: list[Any] = simulation.machines
-    setup, steering = explorers[0].setup, simulation.scenario.protocol.parameters.steering
     referee: Any = simulation.referee
+    parameters: Any = simulation.scenario.protocol.parameters
+    setup, steering = explorers[0].setup, parameters.steering
     speed_mps = min(max(setup.speeds_mps), max(steering.speed_mps, steering.fast_mps or 0.0))
     cell_m = setup.frame.cell_m
     wanted_m2 = 0.95 * referee.coverable * cell_m * cell_m

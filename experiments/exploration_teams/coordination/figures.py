@@ -5,7 +5,7 @@ from typing import Final
 
 import pandas as pd
 
-from cosim.report.comparison import Answer, above
+from cosim.report.comparison import Answer, Arm, above
 from experiments.exploration_teams.figures import LARGE, MAPS, greedy, parts, parts_more, touches_nothing
 
 COORDINATED: Final = "utility"
@@ -25,7 +25,9 @@ def not_optimal(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> A
 
 def diverge(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether robots part that are led by the schemas, and follow no path."""
-    arms = [(f"{n} robots, m:", {"map": floor, "algorithm": "schemas", "robots": n}) for n in LARGE]
+    arms: list[tuple[str, Arm]] = [
+        (f"{n} robots, m:", {"map": floor, "algorithm": "schemas", "robots": n}) for n in LARGE
+    ]
     return above(runs, arms, "parted_else_m")
 
 
