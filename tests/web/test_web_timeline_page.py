@@ -388,7 +388,7 @@ def test_markers_have_names_and_are_in_the_address(page: Any):
     page.get_by_role("button", name=f"{LOST / S:.9f} s", exact=True).click()
     from_ns, to_ns, _ = window(page)
     assert begin < from_ns < LOST < to_ns
-    page.wait_for_function("() => location.hash.includes('m0')")
+    page.wait_for_function("() => new URLSearchParams(location.hash.slice(1)).get('markers')?.includes('marker 1')")
     address = page.url
     page.goto("about:blank")
     page.goto(address)
