@@ -218,16 +218,17 @@ def test_jammers_reach_every_place_where_hosts_may_be_and_only_the_short_radio_a
 def test_without_a_load_the_runs_are_those_of_the_sweep_but_for_queues_and_else_searchers_send_that_much():
     sheets = (load_experiment(EXPERIMENTS / "aggregation_channels" / f"{name}.yaml") for name in ("loads", "sweep"))
     chosen, usual = ({tuple(one.labels.values()): one.scenario for one in each.arms} for each in sheets)
-    loads = {"status": 0, "map": 18_000, "picture": 35_000, "video": 120_000, "video at 11 Mb/s": 120_000}
-    assert len(chosen) == len(loads) * 4 * 2
-    for (choice, *labels), scenario in chosen.items():
-        found, plain = (one.model_dump(exclude={"name"}) for one in (scenario, usual[tuple(labels)]))
+    loads = {"status": 0, "map": 18_000, "picture": 35_000, "video": 120_000}
+    assert len(chosen) == len(loads) * 4 * 3
+    for (choice, strategy, network), scenario in chosen.items():
+        like = usual[strategy, network.removesuffix(" at 11 Mb/s")]
+        found, plain = (one.model_dump(exclude={"name"}) for one in (scenario, like))
         assert found["protocol"]["parameters"].pop("stream_bytes_per_s") == loads[choice]
         assert plain["protocol"]["parameters"].pop("stream_bytes_per_s") == 0
         for radio in found["channel"]["radios"]:
-            assert radio.pop("queue_payloads", None) == (1000 if labels[-1] == "adhoc" else None)
+            assert radio.pop("queue_payloads", None) == (None if network == "ideal" else 1000)
         short = found["channel"]["radios"][0]
-        if choice == "video at 11 Mb/s" and labels[-1] == "adhoc":
+        if network == "adhoc at 11 Mb/s":
             assert short["rate_mbps"] == 11
             short["rate_mbps"] = None
         for radio in plain["channel"]["radios"]:
