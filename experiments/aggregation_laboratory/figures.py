@@ -14,11 +14,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.arrays import Floats
-from cosim.experiment import axis_titles
 from cosim.report.comparison import (
     NO_DATA,
     Answer,
-    Arm,
     bootstrap_limits,
     by_replicate,
     confidence_limits,
@@ -32,13 +30,10 @@ from cosim.report.comparison import (
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
 from cosim.statistics.intervals import estimate
+from experiments.aggregation.strategies import OURS, TIME, Strategies
 
-TIME: Final = "search_time_min"
-"""A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
-NAMES: Final = axis_titles(Path(__file__).parent)["strategy"]
-"""Names of the strategies in figures and answers."""
-OURS: Final = ("srp", "mrp", "mi")
-"""The strategies that the paper compares with each other."""
+SHEET: Final = Strategies(Path(__file__).parent, "distribution")
+"""The strategies by target distribution."""
 DISTRIBUTIONS: Final = (1, 2, 3, 4)
 """Target distributions, from easy to hard."""
 CONSTANT: Final = 0.25
@@ -51,18 +46,14 @@ MOST: Final = 0.5
 """Share of the runs below which random search mostly fails."""
 
 
-def _arm(strategy: str, distribution: int) -> Arm:
-    return {"strategy": strategy, "distribution": distribution}
-
-
 def faster_than_random(strategy: str, distribution: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a strategy has a lower mean search time than random search on one distribution."""
-    return less(runs, [("", _arm(strategy, distribution), _arm("random", distribution))], TIME, unit="min")
+    return less(runs, [("", SHEET.arm(strategy, distribution), SHEET.arm("random", distribution))], TIME, unit="min")
 
 
 def random_mostly_fails(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether less than half of the random searches come to an end, taking all distributions together."""
-    parts = [by_replicate(runs, _arm("random", distribution), "completed") for distribution in DISTRIBUTIONS]
+    parts = [by_replicate(runs, SHEET.arm("random", distribution), "completed") for distribution in DISTRIBUTIONS]
     found = share_limits(pd.concat(parts))
     if not found.size:
         return NO_DATA
@@ -71,23 +62,18 @@ def random_mostly_fails(runs: pd.DataFrame, observations: pd.DataFrame) -> Answe
 
 def fastest(distribution: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has a lower mean search time than SRP and than MRP."""
-    others = ("srp", "mrp")
-    return less(
-        runs,
-        [(f"{NAMES[each]}:", _arm("mi", distribution), _arm(each, distribution)) for each in others],
-        TIME,
-        unit="min",
-    )
+    return SHEET.fastest(distribution, runs)
 
 
 def early(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a strategy has a lower mean search time than SRP where targets are found early."""
-    return less(runs, [("", _arm(strategy, 1), _arm("srp", 1))], TIME, unit="min")
+    return less(runs, [("", SHEET.arm(strategy, 1), SHEET.arm("srp", 1))], TIME, unit="min")
 
 
 def srp_constant(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether each of SRP's means is within ``CONSTANT`` of that for the first distribution."""
-    found = [equivalent(runs, _arm("srp", each), _arm("srp", 1), CONSTANT, TIME, "min") for each in DISTRIBUTIONS[1:]]
+    first, *others = (SHEET.arm("srp", each) for each in DISTRIBUTIONS)
+    found = [equivalent(runs, each, first, CONSTANT, TIME, "min") for each in others]
     if NO_DATA in found:
         return NO_DATA
     words = "; ".join(f"{each}: {text}" for each, (text, _) in zip(DISTRIBUTIONS[1:], found, strict=True))
@@ -97,7 +83,7 @@ def srp_constant(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 def _slopes(runs: pd.DataFrame, strategy: str) -> "pd.Series[float]":
     """Return the increase of the search time from one distribution to the next, min, by replicate."""
-    return slopes(paired(runs, [_arm(strategy, each) for each in DISTRIBUTIONS], TIME), DISTRIBUTIONS)
+    return slopes(paired(runs, [SHEET.arm(strategy, each) for each in DISTRIBUTIONS], TIME), DISTRIBUTIONS)
 
 
 def srp_increases(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -111,21 +97,21 @@ def srp_flatter(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     parts = {strategy: _slopes(runs, strategy) for strategy in ("srp", "mi")}
     if any(part.empty for part in parts.values()):
         return NO_DATA
-    words = "; ".join(
-        f"{NAMES[each]} {confidence_limits(part).text('min from one to the next')}" for each, part in parts.items()
-    )
+    limits = {SHEET.names[each]: confidence_limits(part) for each, part in parts.items()}
+    words = "; ".join(f"{name} {found.text('min from one to the next')}" for name, found in limits.items())
     return words, confidence_limits((parts["mi"] - parts["srp"]).dropna()).exceeds(0)
 
 
 def mi_increases(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI's search time increases from each distribution to the next: increments of the same sign."""
-    steps = [(f"{low} to {high}:", _arm("mi", low), _arm("mi", high)) for low, high in pairwise(DISTRIBUTIONS)]
+    arms = ((each, SHEET.arm("mi", each)) for each in DISTRIBUTIONS)
+    steps = [(f"{low} to {high}:", easier, harder) for (low, easier), (high, harder) in pairwise(arms)]
     return less(runs, steps, TIME, unit="min")
 
 
 def mi_linear(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a rising line accounts for at least ``STRAIGHT`` of what MI's means differ by."""
-    table = paired(runs, [_arm("mi", each) for each in DISTRIBUTIONS], TIME)
+    table = paired(runs, [SHEET.arm("mi", each) for each in DISTRIBUTIONS], TIME)
     if table.empty:
         return NO_DATA
     found = bootstrap_limits(table, straight)
@@ -149,12 +135,12 @@ def straight(samples: Floats) -> Floats:
 
 def mrp_like_srp(distribution: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the mean search times of MRP and SRP differ by less than ``SIMILAR``."""
-    return equivalent(runs, _arm("mrp", distribution), _arm("srp", distribution), SIMILAR, TIME, "min")
+    return equivalent(runs, SHEET.arm("mrp", distribution), SHEET.arm("srp", distribution), SIMILAR, TIME, "min")
 
 
 def mrp_worse(distribution: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MRP has a higher mean search time than SRP."""
-    return less(runs, [("SRP against MRP:", _arm("srp", distribution), _arm("mrp", distribution))], TIME, unit="min")
+    return less(runs, [SHEET.pair("srp", "mrp", distribution)], TIME, unit="min")
 
 
 # ---------------------------------------------------------------- tables and figures
@@ -166,7 +152,7 @@ def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataF
         return {}
     rows = []
     for strategy, part in runs.groupby("strategy", sort=False):
-        row: dict[str, str] = {"strategy": NAMES.get(str(strategy), str(strategy))}
+        row: dict[str, str] = {"strategy": SHEET.names.get(str(strategy), str(strategy))}
         for distribution, cell in part.groupby("distribution"):
             row[f"{distribution}"] = f"{estimate(cell[TIME])}, {100 * cell['completed'].mean():.3g} %"
         rows.append(row)
@@ -180,11 +166,11 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         return []
     figure = Figure(figsize=(6.5, 4.4), layout="constrained")
     plot = figure.subplots()
-    for name in (name for name in NAMES if name in set(runs["strategy"])):
+    for name in (name for name in SHEET.names if name in set(runs["strategy"])):
         points = estimates(runs[runs["strategy"] == name].sort_values("distribution"), ["distribution"], [TIME])
         halves = np.nan_to_num([value.half for value in points[TIME]])
         means = [value.mean for value in points[TIME]]
-        plot.errorbar(points["distribution"], means, yerr=halves, marker="o", capsize=3, label=NAMES[name])
+        plot.errorbar(points["distribution"], means, yerr=halves, marker="o", capsize=3, label=SHEET.names[name])
     plot.set(xlabel="target distribution, from easy to hard", ylabel="search time, min")
     plot.set_xticks(sorted(runs["distribution"].unique()))
     plot.set_ylim(bottom=0)

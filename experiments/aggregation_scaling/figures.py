@@ -17,13 +17,10 @@ from cosim.experiment import axis_titles
 from cosim.report.comparison import NO_DATA, Answer, Arm, Limits, confidence_limits, less, mostly, paired, slopes
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from experiments.aggregation.strategies import OURS, TIME
 
-TIME: Final = "search_time_min"
-"""A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
 NAMES: Final = axis_titles(Path(__file__).parent)["strategy"]
 """Names of the strategies in figures and answers."""
-OURS: Final = ("srp", "mrp", "mi")
-"""The strategies that the paper compares with each other."""
 AXES: Final = ("strategy", "side_m", "sub_teams")
 MOBILE: Final = ("mrp", "mi")
 IN_TIME: Final = 0.75

@@ -8,16 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.arrays import Floats
-from cosim.experiment import axis_titles
 from cosim.report.comparison import (
     NO_DATA,
     Answer,
-    Arm,
     against,
     bootstrap_limits,
     by_replicate,
@@ -25,35 +22,14 @@ from cosim.report.comparison import (
     less,
     mostly,
     paired,
-    per_minute,
     spread_of_means,
 )
-from cosim.report.estimates import estimates
 from cosim.report.saving import save
 from cosim.statistics.intervals import estimate
+from experiments.aggregation.strategies import NEEDED, OURS, SAID, TIME, Strategies
 
-TIME: Final = "search_time_min"
-"""A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
-NAMES: Final = axis_titles(Path(__file__).parent)["strategy"]
-"""Names of the strategies in figures and answers."""
-OURS: Final = ("srp", "mrp", "mi")
-"""The strategies that the paper compares with each other."""
-UNITS: Final = {
-    "distance_m": "m",
-    "distance_after_m": "m",
-    "payload_bytes": "bytes",
-    "frames": "frames",
-    "energy_j": "J",
-}
-"""Units of what strategies cost, by the task, in answers."""
-BY_MINUTE: Final = ("payload_bytes", "frames", "distance_m", "energy_j")
-"""Costs that are also asked by the minute: a strategy whose searches last longer has more of all of them."""
-RATES: Final = {f"{metric}_per_min": f"{UNITS[metric]}/min" for metric in BY_MINUTE}
-"""Units of costs by the minute."""
-SAID: Final = ("payload_bytes", "frames", "payload_bytes_per_min", "frames_per_min")
-"""Costs of communication."""
-NEEDED: Final = ("distance_m", "energy_j", "distance_m_per_min", "energy_j_per_min")
-"""Costs of travel, and of all."""
+SHEET: Final = Strategies(Path(__file__).parent, "case")
+"""The strategies by fault."""
 CASES: Final = ("normal", "out_of_range", "failed")
 FAULTS: Final = CASES[1:]
 STRATEGIES: Final = ("srp", "mrp", "mi", "mito")
@@ -72,15 +48,9 @@ COSTS: Final = {
 }
 
 
-def _arm(strategy: str, case: str) -> Arm:
-    return {"strategy": strategy, "case": case}
-
-
 def fastest(case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has a lower mean search time than SRP and than MRP."""
-    return less(
-        runs, [(f"{NAMES[other]}:", _arm("mi", case), _arm(other, case)) for other in ("srp", "mrp")], TIME, unit="min"
-    )
+    return SHEET.fastest(case, runs)
 
 
 def consistent(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -100,7 +70,7 @@ def _deviation(samples: Floats) -> Floats:
 
 def _least(runs: pd.DataFrame, cases: list[str], statistic: Any) -> Answer:
     """Answer whether *statistic* of the searches in *cases* is smaller for SRP than for MRP and than for MI."""
-    table = paired(runs, [_arm(strategy, case) for strategy in OURS for case in cases], TIME)
+    table = paired(runs, [SHEET.arm(strategy, case) for strategy in OURS for case in cases], TIME)
     if len(table) < 2:
         return NO_DATA if table.empty else ("one replicate", None)
     size = len(cases)
@@ -112,34 +82,35 @@ def _least(runs: pd.DataFrame, cases: list[str], statistic: Any) -> Answer:
         return found
 
     leads = [bootstrap_limits(table, partial(lead, other)) for other in ("mrp", "mi")]
-    words = "; ".join(f"{NAMES[strategy]} {found.text('min')}" for strategy, found in own.items())
+    words = "; ".join(f"{SHEET.names[strategy]} {found.text('min')}" for strategy, found in own.items())
     return words, all(each.exceeds(0) for each in leads)
 
 
 def slower_than_srp(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a strategy has a higher mean search time than SRP."""
-    return less(runs, [(f"SRP against {NAMES[strategy]}:", _arm("srp", case), _arm(strategy, case))], TIME, unit="min")
+    return less(runs, [SHEET.pair("srp", strategy, case)], TIME, unit="min")
 
 
 def faster_than_srp(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a strategy has a lower mean search time than SRP."""
-    return less(runs, [("", _arm(strategy, case), _arm("srp", case))], TIME, unit="min")
+    return less(runs, [("", SHEET.arm(strategy, case), SHEET.arm("srp", case))], TIME, unit="min")
 
 
 def rejoins_later(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the searchers of a failed host take longer to join another team with MRP than with SRP."""
-    return less(runs, [("SRP against MRP:", _arm("srp", "failed"), _arm("mrp", "failed"))], "rejoin_time_s", unit="s")
+    return less(runs, [SHEET.pair("srp", "mrp", "failed")], "rejoin_time_s", unit="s")
 
 
 def faster_than_random(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a strategy has a lower mean search time than random search."""
-    return less(runs, [("", _arm(strategy, case), _arm("random", case))], TIME, unit="min")
+    return less(runs, [("", SHEET.arm(strategy, case), SHEET.arm("random", case))], TIME, unit="min")
 
 
 def robust(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a fault costs less time than writing the sub-team off would, and searches still come to an end."""
-    slower, bearable = less(runs, [("", _arm(strategy, case), _arm(strategy, "normal"))], TIME, WRITTEN_OFF, "min")
-    ends, in_time = mostly(runs, [("", _arm(strategy, case))], IN_TIME)
+    arm, normal = SHEET.arm(strategy, case), SHEET.arm(strategy, "normal")
+    slower, bearable = less(runs, [("", arm, normal)], TIME, WRITTEN_OFF, "min")
+    ends, in_time = mostly(runs, [("", arm)], IN_TIME)
     if "-" in (slower, ends):
         return NO_DATA
     holds = None if bearable is None or in_time is None else bearable and in_time
@@ -148,28 +119,22 @@ def robust(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFr
 
 def says_more(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has more of *metric* than MRP."""
-    return _compared("mrp", "mi", metric, case, runs)
+    return SHEET.has_less("mrp", "mi", metric, case, runs)
 
 
 def needs_less(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has less of *metric* than MRP."""
-    return _compared("mi", "mrp", metric, case, runs)
-
-
-def _compared(strategy: str, than: str, metric: str, case: str, runs: pd.DataFrame) -> Answer:
-    """Answer whether *strategy* has less of *metric*, by the task or by the minute, than another."""
-    pair = f"{NAMES[strategy]} against {NAMES[than]}:", _arm(strategy, case), _arm(than, case)
-    return less(per_minute(runs, BY_MINUTE), [pair], metric, unit=(UNITS | RATES)[metric])
+    return SHEET.has_less("mi", "mrp", metric, case, runs)
 
 
 def spares(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MITO has less of *metric* than MI."""
-    return less(runs, [("MITO against MI:", _arm("mito", case), _arm("mi", case))], metric, unit=UNITS[metric])
+    return SHEET.has_less("mito", "mi", metric, case, runs)
 
 
 def motion_dominates(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether motion takes more than ``MUCH`` times the energy of the radios, all well."""
-    arm = _arm(strategy, "normal")
+    arm = SHEET.arm(strategy, "normal")
     motion, radio = (by_replicate(runs, arm, metric) for metric in ("motion_j", "radio_j"))
     both = pd.concat([motion, radio], axis=1, join="inner", keys=range(2)).dropna()
     if both.empty:
@@ -187,7 +152,7 @@ def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataF
     times, costs = [], []
     for key, part in runs.groupby(["strategy", "case"], sort=False):
         strategy, case = map(str, key)
-        row = {"strategy": NAMES.get(strategy, strategy), "case": case}
+        row = {"strategy": SHEET.names.get(strategy, strategy), "case": case}
         spread = {"variance, min^2": f"{part[TIME].var():.4g}"}
         ends = {"completed, %": f"{100 * part['completed'].mean():.3g}"}
         times.append(row | {"search time, min": str(estimate(part[TIME]))} | spread | ends)
@@ -202,23 +167,13 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         return []
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     means, spreads = figure.subplots(1, 2)
-    names = [name for name in NAMES if name in set(runs["strategy"])]
     cases = [case for case in CASES if case in set(runs["case"])]
-    width = 0.8 / len(names)
-    for rank, name in enumerate(names):
-        part = runs[runs["strategy"] == name]
-        points = estimates(part, ["case"], [TIME]).set_index("case").reindex(cases)[TIME].dropna()
-        at = np.array([cases.index(case) for case in points.index]) + width * (rank - (len(names) - 1) / 2)
-        halves = np.nan_to_num([value.half for value in points])
-        means.bar(at, [value.mean for value in points], width, yerr=halves, capsize=2, label=NAMES[name])
-        variances = part.groupby("case")[TIME].var().reindex(points.index)
-        spreads.bar(at, np.nan_to_num(variances.to_numpy(dtype=float)), width)
+    SHEET.mean_bars(means, runs, TIME, cases)
+    SHEET.bars(spreads, runs.groupby(["case", "strategy"])[TIME].var().unstack().reindex(cases))
     means.set_ylabel("search time, min (mean, 95 % interval)")
     spreads.set_ylabel("variance between configurations, min$^2$")
-    for plot in (means, spreads):
-        plot.set_xticks(range(len(cases)), [case.replace("_", " ") for case in cases])
-        plot.grid(alpha=0.3, axis="y")
-    figure.legend(fontsize="small", loc="outside right center")
+    handles, labels = means.get_legend_handles_labels()
+    figure.legend(handles, labels, fontsize="small", loc="outside right center")
     path = folder / "search_time_by_case.png"
     save(figure, path)
     return [path]
