@@ -15,6 +15,7 @@ from cosim.picture.page import write_page
 from cosim.timeline.sensing import SENSED
 from cosim.units import S
 from tests.export.recordings import called, make, sendings, silences
+from tests.tiers import each_value
 from tests.web.browser import GRAVE, axe
 
 Whole = tuple[Recording, dict[str, pd.DataFrame], Path]
@@ -223,8 +224,7 @@ def test_it_plays_in_simulated_time(browser: Any, page_file: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", [(1280, 720), (390, 844)], ids=str)
+@pytest.mark.parametrize(("scheme", "size"), each_value(["light", "dark"], [(1280, 720), (390, 844)]))
 def test_axe_finds_nothing_grave(browser: Any, page_file: Path, scheme: str, size: tuple[int, int]) -> None:
     with shown(browser, page_file, "#t=5&span=0.05", scheme, size) as page:
         page.keyboard.press("n")

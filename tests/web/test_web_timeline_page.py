@@ -14,6 +14,7 @@ from cosim.trace import FRAMES
 from cosim.units import MS, SLOT, S
 from cosim.web.live import Live
 from cosim.web.recorded import Recorded
+from tests.tiers import each_value
 from tests.web.browser import GRAVE, Browser, axe, pixels, tab
 from tests.web.console import PLAIN
 from tests.web.drawn import END, LOST, PAYLOAD, PHASE, SENTENCE, Frame, write_trace
@@ -469,8 +470,7 @@ def test_the_lost_part_is_hatched_and_the_rest_is_not(page: Any):
 # ---------------------------------------------------------------- for everybody
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(("size", "scheme"), each_value(SIZES, ["light", "dark"]))
 def test_axe_finds_nothing(browser: Browser, served: Served, size: tuple[int, int], scheme: str):
     with tab(browser, served, scheme=scheme) as page:
         usual = page.viewport_size
