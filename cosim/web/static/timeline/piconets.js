@@ -34,9 +34,14 @@ export function paint_common(pen, kinds, axis, drawn) {
     const { start_ns, end_ns, code } = boxed(answer, lane, at);
     return { start_ns, end_ns, y, height, master: lane.robot, member: lane.stacked, name: kinds.name(code) };
   }).filter(({ name }) => name === LINKED);
+  const of = new Map(links.flatMap(({ master, member }) => [[master, []], [member, []]]));  // links by their robots
+  for (const link of links) {
+    of.get(link.master).push(link);
+    of.get(link.member).push(link);
+  }
   pen.fillStyle = kinds.paint.ink;
   for (const link of links) {
-    for (const other of links) {
+    for (const other of of.get(link.member)) {
       const both = link.master !== other.master && (other.member === link.member || other.master === link.member);
       const [from_ns, to_ns] = [Math.max(link.start_ns, other.start_ns), Math.min(link.end_ns, other.end_ns)];
       if (both && to_ns > from_ns) pen.fillRect(axis.place(from_ns), link.y, (to_ns - from_ns) / axis.ns_per_px, BRIDGE_PX);
