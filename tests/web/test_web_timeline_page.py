@@ -467,6 +467,28 @@ def test_the_lost_part_is_hatched_and_the_rest_is_not(page: Any):
     assert len(colours(LOST + 300_000)) > 1  # the payload
 
 
+COMMON = """async (links) => {
+  const { paint_common } = await import("/static/timeline/piconets.js");
+  const filled = [], answer = { from_ns: 0, blocks: new Map() };
+  const drawn = links.map(([master, member, from_ns, to_ns], row) => {
+    answer.blocks.set(row, { starts: [from_ns], durations: [to_ns - from_ns], rows: [row], codes: [0], outcomes: [0] });
+    return [{ lane: { lane: row, what: "piconet", robot: master, stacked: member } }, answer, 0, 0, 10 * row, 0, 8];
+  });
+  const kinds = { name: () => "slave", paint: { ink: "black" } };
+  const axis = { place: (time_ns) => time_ns, ns_per_px: 1 };
+  paint_common({ fillRect: (...box) => filled.push(box) }, kinds, axis, drawn);
+  return filled;
+}"""
+"""What is filled on strips of links (master, member, from, to), ten pixels a row, a pixel a nanosecond."""
+
+
+def test_strips_show_who_is_in_two_piconets_at_once_and_where_a_link_changes_its_roles(page: Any):
+    bridge = [[0, 1, 0, 100], [2, 1, 60, 200], [3, 4, 0, 200], [2, 5, 0, 50], [5, 6, 40, 90]]
+    marks = page.evaluate(COMMON, bridge)
+    assert sorted(marks) == [[40, 30, 10, 2.5], [60, 0, 40, 2.5], [60, 10, 40, 2.5]]  # a member elsewhere a master, too
+    assert page.evaluate(COMMON, [[0, 1, 0, 100], [1, 0, 100, 200], [1, 0, 300, 400]]) == [[99, 0, 2, 18]]
+
+
 # ---------------------------------------------------------------- for everybody
 
 
