@@ -16,10 +16,11 @@ At the appointed time those who are out of contact go to the rally point, whatev
 as with ``area``.
 """
 
-import math
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Final
+
+import numpy as np
 
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Drains, LinkEvent, Reception, next_state
@@ -130,9 +131,19 @@ class Searcher(Drains):
     """The machine of a searcher. It acts on observations and on messages, and has no deadlines."""
 
     def __init__(
-        self, parameters: Parameters, setup: Setup, me: Address, motion: Motion, start: Time, rebooted: bool
+        self,
+        parameters: Parameters,
+        setup: Setup,
+        me: Address,
+        motion: Motion,
+        start: Time,
+        rebooted: bool,
+        stream: np.random.Generator,
     ) -> None:
-        """Begin in the sub-team that all robots know; a searcher that was *rebooted* begins in none."""
+        """Begin in the sub-team that all robots know; a searcher that was *rebooted* begins in none.
+
+        Only localisation draws from *stream*.
+        """
         super().__init__()
         self.me = me
         self.counters = Counters(setup.tick)
@@ -146,6 +157,7 @@ class Searcher(Drains):
         if parameters.stream_bytes_per_s:
             self._stream = Stream(parameters.stream_bytes_per_s, setup.tick, self._radio)
         self._reports = Reports(self.findings, len(setup.ground.posts_m))
+        self.positioning = setup.positioning(parameters, me, stream)
         self._camera = Camera(setup.targets_m, parameters.camera_m)
         self._motion = motion
         self._posts = len(setup.ground.posts_m)
@@ -185,7 +197,7 @@ class Searcher(Drains):
     def believed(self) -> Belief:
         """Return where it means to go, for who looks on."""
         way = self._motion.ahead_m
-        return Belief(way_m=way, goal_m=way[-1] if way else None)
+        return Belief(None, way, way[-1] if way else None, self.positioning.estimate, "world")
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         """Process a message of a host; ignore those of other searchers. Return whether anything has come of it."""
@@ -231,9 +243,9 @@ class Searcher(Drains):
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Look around, decide, and walk; return whether anything has come of it."""
-        here = observation.x_m, observation.y_m
-        self.counters.moved(0.0 if self._here is None else math.dist(here, self._here), now)
-        self._here = here
+        self.counters.moved((observation.x_m, observation.y_m), now)
+        observation = self.positioning.locate(observation)
+        here = self._here = observation.x_m, observation.y_m
         if found := self._camera.look(observation, self.findings):
             self._events += [TargetFound(*finding) for finding in self.findings.add(found)]
         if self._motion.reached is not None:
@@ -247,7 +259,7 @@ class Searcher(Drains):
             host = self.membership.host
             if self._stream is not None and host is not None and self._in_contact(now):
                 self._stream.flow(host)
-        command = self._walk(observation, now)
+        command = self.positioning.order(self._walk(observation, now), observation)
         if command is not None:
             self._commands.append(command)
         return self.left()

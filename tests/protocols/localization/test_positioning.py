@@ -16,10 +16,10 @@ from cosim.geometry.segments import clearance, segment_grid
 from cosim.machine import Event
 from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation, Sighting
-from protocols.deployment.localization.positioning import Given, KnownMaps, Positioned, shifted
-from protocols.deployment.localization.scan import SAME_M, Scan, Sensor, turned_ranges, without_bodies
+from protocols.localization.positioning import Given, KnownMaps, Positioned, shifted
+from protocols.localization.scan import SAME_M, Scan, Sensor, turned_ranges, without_bodies
 from protocols.motion.frames import Shift
-from tests.protocols.deployment.positioning_scene import (
+from tests.protocols.localization.positioning_scene import (
     BEAMS,
     RADIUS_M,
     WALLS,

@@ -13,8 +13,8 @@ from cosim.machine import Event
 from cosim.observation import Observation, Seen, Sighting
 from cosim.protocol import Surroundings
 from cosim.robots.senses import SenseSettings
-from protocols.deployment.localization.positioning import KnownMaps, Localised, PositioningParameters
-from protocols.deployment.localization.scan import Sensor
+from protocols.localization.positioning import KnownMaps, Localised, PositioningParameters
+from protocols.localization.scan import Sensor
 from tests.protocols.deployment.driving_scene import TICK, Scene, body, box, line
 
 BEAMS, RANGE_M = 180, 8.0
