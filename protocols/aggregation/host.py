@@ -8,8 +8,6 @@ that): the other hosts send it its last members, and its searchers report everyt
 
 from functools import partial
 
-import numpy as np
-
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Drains, LinkEvent, Reception
 from cosim.observation import Observation
@@ -40,6 +38,7 @@ from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.subteam import SubTeam, Work
 from protocols.aggregation.touring import Mover
 from protocols.detection.detectors import Detector, make_detector
+from protocols.localization.positioning import Positioning
 
 REPEATS = 3
 """Number of heartbeats with which a status broadcast is repeated, as it is not acknowledged."""
@@ -53,16 +52,13 @@ class Host(Drains):
         parameters: Parameters,
         setup: Setup,
         me: Address,
+        positioning: Positioning,
         mover: Mover,
         phase: Time,
         start: Time,
         rebooted: bool,
-        stream: np.random.Generator,
     ) -> None:
-        """Send the first heartbeat *phase* after *start*; a host that was *rebooted* knows no members.
-
-        Only localisation draws from *stream*.
-        """
+        """Send the first heartbeat *phase* after *start*; a host that was *rebooted* knows no members."""
         super().__init__()
         self.me = me
         self.counters = Counters(setup.tick)
@@ -70,7 +66,7 @@ class Host(Drains):
         self.over = False
         self.parameters = parameters
         self.setup = setup
-        self.positioning = setup.positioning(parameters, me, stream)
+        self.positioning = positioning
         self._posts = len(setup.ground.posts_m)
         self._period = from_seconds(parameters.heartbeat_s)
         self._radio = Radio(me, self.counters, self._outbox, self._events)

@@ -20,8 +20,6 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Final
 
-import numpy as np
-
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Drains, LinkEvent, Reception, next_state
 from cosim.observation import Observation
@@ -52,6 +50,7 @@ from protocols.aggregation.setup import Setup
 from protocols.aggregation.streaming import Stream
 from protocols.aggregation.touring import Motion
 from protocols.detection.incarnations import Incarnation
+from protocols.localization.positioning import Positioning
 
 GREETING_BEATS = 5
 """Number of heartbeats after which a searcher that lacks nothing sends a Hello."""
@@ -135,21 +134,19 @@ class Searcher(Drains):
         parameters: Parameters,
         setup: Setup,
         me: Address,
+        positioning: Positioning,
         motion: Motion,
         start: Time,
         rebooted: bool,
-        stream: np.random.Generator,
     ) -> None:
-        """Begin in the sub-team that all robots know; a searcher that was *rebooted* begins in none.
-
-        Only localisation draws from *stream*.
-        """
+        """Begin in the sub-team that all robots know; a searcher that was *rebooted* begins in none."""
         super().__init__()
         self.me = me
         self.counters = Counters(setup.tick)
         self.findings = Findings()
         self.parameters = parameters
         self.setup = setup
+        self.positioning = positioning
         self.state = State.WAIT
         self.membership = Membership(None if rebooted else setup.host_of(me), 0)
         self._radio = Radio(me, self.counters, self._outbox, self._events)
@@ -157,7 +154,6 @@ class Searcher(Drains):
         if parameters.stream_bytes_per_s:
             self._stream = Stream(parameters.stream_bytes_per_s, setup.tick, self._radio)
         self._reports = Reports(self.findings, len(setup.ground.posts_m))
-        self.positioning = setup.positioning(parameters, me, stream)
         self._camera = Camera(setup.targets_m, parameters.camera_m)
         self._motion = motion
         self._posts = len(setup.ground.posts_m)

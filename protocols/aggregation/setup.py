@@ -6,15 +6,11 @@ The places of the targets serve only the robots' cameras: no decision rests on t
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import numpy as np
-
 from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.ground import Ground
-from protocols.aggregation.parameters import Parameters
-from protocols.localization.positioning import KnownMaps, Positioning, positioning_of
-from protocols.localization.scan import Sensor
+from protocols.localization.positioning import KnownMaps
 
 Tours: TypeAlias = tuple[tuple[int, ...], ...]
 """For each of several searchers, the posts that it is to visit, in order."""
@@ -51,8 +47,3 @@ class Setup:
     def searchers_of(self, host: Address) -> tuple[Address, ...]:
         """Return the searchers that begin in the sub-team of *host*."""
         return tuple(range(self.hosts + host, self.size, self.hosts))
-
-    def positioning(self, parameters: Parameters, robot: Address, stream: np.random.Generator) -> Positioning:
-        """Return what locates *robot*, whose own *parameters* these are; see :func:`positioning_of`."""
-        sensor = Sensor(self.maps.surroundings.beams)
-        return positioning_of(parameters.positioning, self.maps, robot, parameters.cell_m, sensor, stream)

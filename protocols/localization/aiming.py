@@ -15,7 +15,9 @@ from cosim.observation import Observation
 from protocols.motion.frames import Shift
 
 _MISS_M: Final = 0.02
-"""Distance by which a body may miss its place: less than what any machine takes for having reached one."""
+"""Distance by which a body may miss its place at the end: less than what any machine takes for having reached one."""
+_ASTRAY: Final = 0.03
+"""How much more that may be for each metre that is left: it is mended on the way."""
 
 
 class Aim:
@@ -34,15 +36,16 @@ class Aim:
         if command is not None and command != self._goal_m:
             self._goal_m = command if isinstance(command, GoTo) else None
             return command if self._goal_m is None else GoTo(*shift.back(*self._goal_m))
-        if self._goal_m is None or _miss_m(observation, self._goal_m) <= _MISS_M:
+        if self._goal_m is None or not _misses(observation, self._goal_m):
             return None
         return GoTo(*shift.back(*self._goal_m))
 
 
-def _miss_m(observation: Observation, goal_m: GoTo) -> float:
-    """Return how far from *goal_m* the robot will come past by the way that it heads, or stands if it has arrived."""
+def _misses(observation: Observation, goal_m: GoTo) -> bool:
+    """Return whether the robot is about to pass too far from *goal_m*, or has stopped or gone too far past it."""
     dx, dy = goal_m.x_m - observation.x_m, goal_m.y_m - observation.y_m
     cos, sin = elementary.cos(observation.heading_rad), elementary.sin(observation.heading_rad)
-    if observation.arrived or cos * dx + sin * dy < 0.0:
-        return math.hypot(dx, dy)
-    return abs(cos * dy - sin * dx)
+    left_m = cos * dx + sin * dy
+    if observation.arrived or left_m < 0.0:
+        return math.hypot(dx, dy) > _MISS_M
+    return abs(cos * dy - sin * dx) > _MISS_M + _ASTRAY * left_m

@@ -72,6 +72,9 @@ def test_points_of_the_map_are_looked_for_in_the_frame_of_odometry() -> None:
     assert seen.view is not None
     found = shifted(seen, shift, Scan(seen.view, Sensor(BEAMS), None))
     assert found.sees([shift.point(1.0, 7.0), shift.point(-1.0, 7.0)]) == [True, False]
+    near, far = found.detects([(1.0, 2.0), (5.0, 0.0)], 3.0)  # marks are of the world, what is detected is on the map
+    assert near == pytest.approx(shift.point(2.0, 2.0))
+    assert far is None
 
 
 # ---------------------------------------------------------------- scans
