@@ -50,14 +50,22 @@ class Camera:
     """
 
     def __init__(self, targets_m: Sequence[Point], range_m: float) -> None:
-        self._places_m = dict(enumerate(targets_m))
+        self._targets_m = targets_m
+        self._left = [*range(len(targets_m))]
+        """Numbers of the targets that were not known when it looked last."""
+        self._left_m = [*targets_m]
+        """Where they are."""
         self._range_m = range_m
 
     def look(self, observation: Observation, known: Findings) -> list[Finding]:
         """Return the targets in view that are not *known*."""
-        left_m = {number: place for number, place in self._places_m.items() if number not in known.targets}
-        seen = observation.detects([*left_m.values()], self._range_m)
-        return [Finding(number, *place) for number, place in zip(left_m, seen, strict=True) if place is not None]
+        if len(self._left) + len(known.targets) != len(self._targets_m):  # what is known only grows
+            self._left = [number for number in range(len(self._targets_m)) if number not in known.targets]
+            self._left_m = [self._targets_m[number] for number in self._left]
+        seen = observation.detects(self._left_m, self._range_m)
+        if not any(seen):  # asked every tick, when hardly ever one is: zip takes twice as long
+            return []
+        return [Finding(number, *place) for number, place in zip(self._left, seen, strict=True) if place is not None]
 
 
 class Reports:
