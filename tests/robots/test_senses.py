@@ -121,9 +121,9 @@ def test_who_is_off_by_a_metre_detects_what_its_body_sees_and_takes_it_to_be_off
 def test_who_knows_its_pose_detects_marks_just_where_they_are() -> None:
     """Without rounding: with true positions nothing depends on how a mark was looked for."""
     places = np.random.default_rng(1).uniform(-30.0, 30.0, (50, 2)).tolist()
-    (observation,) = Scene([(0.1, 0.7, 2.9)], range_m=100.0).look()
+    (observation,) = Scene([(170.1, -230.7, 2.9)], range_m=500.0).look()
     marks = [(x, y) for x, y in places]
-    assert observation.detects(marks, 100.0) == marks
+    assert observation.detects(marks, 500.0) == marks
 
 
 def test_a_blind_camera_detects_nothing() -> None:

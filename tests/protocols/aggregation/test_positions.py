@@ -8,13 +8,16 @@ from typing import Any
 import pytest
 
 from cosim.errors import UserError
+from cosim.machine import GoTo
+from cosim.observation import Observation
 from cosim.randomness import Streams
 from cosim.scenario import changed
 from cosim.units import S
 from protocols.aggregation.spec import SPEC
 from protocols.localization.positioning import Given, Localised
+from protocols.localization.scan import Sensor
 from protocols.motion.frames import Shift
-from tests.protocols.aggregation.team_scene import TARGETS_M, Point, Run, prepared, scenario
+from tests.protocols.aggregation.team_scene import TARGETS_M, TICK, Point, Run, prepared, scenario
 
 CAMERA_M = 4.0
 DRIFT = {"odometry_slip": 0.03, "odometry_turn_rad": 0.06}
@@ -86,6 +89,26 @@ def test_the_pose_of_a_filter_is_told_to_who_looks_on() -> None:
 def made(me: int, start_s: int = 0, **changes: Any) -> Any:
     parameters, setup = prepared(STARTS_M, beams=36, **changes)
     return SPEC.make(parameters, setup, me, Streams(1)("machine", me), start_s * S)
+
+
+class Elsewhere(Given):
+    """Finds the robot 3 m farther along x than it is given, and sends it back by as much."""
+
+    def __init__(self) -> None:
+        super().__init__(Sensor(0), (3.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("me", [0, 2])
+def test_a_machine_goes_by_where_it_is_located_and_its_body_by_its_own_frame(me: int) -> None:
+    machine = made(me)
+    machine.positioning = Elsewhere()
+    goals = []
+    for tick in range(100):
+        machine.observe(Observation(6.0, 9.0, 0.0, 0.0, True, False), tick * TICK)
+        goals += [command for command in machine.commands() if isinstance(command, GoTo)]
+    assert machine._here == (9.0, 9.0)
+    walker = machine._itinerary._mover if me == 0 else machine._motion._mover
+    assert goals[-1] == pytest.approx((walker.ahead_m[0][0] - 3.0, walker.ahead_m[0][1]))
 
 
 @pytest.mark.parametrize("me", [0, 2])
