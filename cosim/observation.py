@@ -5,11 +5,14 @@ else it is odometry: it begins at an unknown place, turned by an unknown angle, 
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
 from cosim.arrays import Floats
+
+Marks: TypeAlias = Sequence[tuple[float, float]]
+"""Places in the world's frame, m: of landmarks or targets that a sensor may detect."""
 
 _NOTHING: Final = np.empty(0)
 
@@ -57,6 +60,9 @@ class View(Protocol):
     def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
         """Return which points of the robot's frame lie in its visibility region: in range, and no wall before them."""
 
+    def detects(self, marks_m: Marks, range_m: float) -> list[tuple[float, float] | None]:
+        """Return where marks of the world appear in the robot's frame: see :meth:`Observation.detects`."""
+
     def ranges_m(self) -> Floats:
         """Return how far each beam of a ring goes."""
 
@@ -93,6 +99,16 @@ class Observation(NamedTuple):
         (Sgorbissa and Arkin, section 2.) A robot without a sensor for it sees nothing.
         """
         return [False] * len(points_m) if self.view is None else self.view.sees(points_m)
+
+    def detects(self, marks_m: Marks, range_m: float) -> list[tuple[float, float] | None]:
+        """Return where in the robot's frame the marks at *marks_m* of the world appear; None for those it does not see.
+
+        It sees those at most *range_m* from where its body truly is that lie in its visibility region, wherever it
+        takes itself to be; they appear as far from the believed pose as they are from the true one. *marks_m* are
+        places that only the world knows, for a sensor's model to ask about; to be asked at this tick only. A robot
+        without a sensor for it sees nothing.
+        """
+        return [None] * len(marks_m) if self.view is None else self.view.detects(marks_m, range_m)
 
     @property
     def ranges_m(self) -> Floats:

@@ -61,6 +61,8 @@ class Surroundings(NamedTuple):
     """How many beams a scan has."""
     radios: tuple[tuple[int, ...], ...] = ()
     """The numbers of each robot's radios."""
+    odometry_errs: bool = False
+    """True if robots do not know how they have moved exactly."""
     fits: Callable[[tuple[float, float], float], bool] = lambda place_m, radius_m: True
     """(place, radius of a body, both in m) -> whether the body has room there, as starts must: thin walls count too."""
 

@@ -215,6 +215,7 @@ class Simulation:
             scan_range_m=scenario.team.senses.beam_range_m,
             beams=scenario.team.senses.beams,
             radios=scenario.team.carried,
+            odometry_errs=scenario.team.senses.drifts,
             fits=lambda place_m, radius_m: misfit(place_m, radius_m, floor) is None,
         )
         starts, giver = scenario.team.starts, "team.starts"

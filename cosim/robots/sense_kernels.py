@@ -296,6 +296,18 @@ def few_in_region(
 @njit(cache=True)
 def _sees_point(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, own_x: float, own_y: float) -> bool:
     x, y = _to_world(poses[i], own_x, own_y)
+    return _sees_place(poses, limits, grid, i, x, y)
+
+
+@njit(cache=True)
+def sees_mark(poses: Floats, limits: Floats, numbers: Floats, members: Int32s, i: int, x: float, y: float) -> bool:
+    """Return whether robot *i* sees the place (x, y) of the world from where it truly is."""
+    seen: bool = _sees_place(poses, limits, unpacked(numbers, members), i, x, y)
+    return seen
+
+
+@njit(cache=True)
+def _sees_place(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, x: float, y: float) -> bool:
     if not _looks_at(poses, limits, grid, i, x, y):
         return False
     if limits[OCCLUDE] > 0.0:

@@ -25,7 +25,7 @@ import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.segments import PackedWalls
 from cosim.machine import Command, GoTo
-from cosim.observation import Observation, View
+from cosim.observation import Marks, Observation, View
 from cosim.randomness import Streams
 from cosim.robots.motion import Carry, Fleet, observations
 from cosim.robots.pictures import Cameras, pictures
@@ -38,13 +38,16 @@ from cosim.robots.sense_kernels import (
     HEADING,
     OWN_HEADING,
     OWN_X,
+    OWN_Y,
     RADIUS,
     Room,
     X,
+    Y,
     few_in_region,
     in_region,
     locate,
     scan,
+    sees_mark,
 )
 from cosim.settings import Angle, Metres, Seconds, Settings
 from cosim.units import Time, to_seconds
@@ -98,6 +101,11 @@ class SenseSettings(Settings):
         default=0.0, ge=0, le=1, description="share of the beams that tell a uniform range, whatever is there"
     )
 
+    @property
+    def drifts(self) -> bool:
+        """True if odometry errs."""
+        return self.odometry_slip > 0.0 or self.odometry_turn_rad > 0.0
+
 
 class Senses:
     """The sensors of all robots of a run; read once a tick, after the robots have moved."""
@@ -113,7 +121,7 @@ class Senses:
         streams: Streams,
     ) -> None:
         count = len(radii_m)
-        self._drifts = settings.odometry_slip > 0.0 or settings.odometry_turn_rad > 0.0
+        self._drifts = settings.drifts
         self.aware = settings.frames == "world" and not self._drifts
         """True if a robot knows where it is, also if it has been carried there: odometry would not notice."""
         self._poses = np.zeros((count, COLUMNS))
@@ -252,11 +260,12 @@ class _Scanner:
 class _View:
     """Where one robot looks from."""
 
-    __slots__ = ("_points", "_robot", "_room", "_seen", "ranges_m")
+    __slots__ = ("_points", "_pose", "_robot", "_room", "_seen", "ranges_m")
 
     def __init__(self, room: Room, robot: int, scanner: _Scanner) -> None:
         self._room = room
         self._robot = robot
+        self._pose = room[0][robot].data  # its cells are read fastest so
         self.ranges_m = partial(scanner.ranges_m, robot)
         self._points = np.empty(2 * _POINTS)
         self._seen = np.empty(_POINTS, np.bool_)
@@ -271,6 +280,24 @@ class _View:
         (x, y), (other_x, other_y) = points_m[0], points_m[-1]
         seen = few_in_region(*self._room, self._robot, count, x, y, other_x, other_y)
         return [seen > 1] if count == 1 else [seen > 1, seen % 2 > 0]
+
+    def detects(self, marks_m: Marks, range_m: float) -> list[tuple[float, float] | None]:
+        here = self._pose[X], self._pose[Y]
+        return [self._detected(mark) if math.dist(here, mark) <= range_m else None for mark in marks_m]
+
+    def _detected(self, mark_m: tuple[float, float]) -> tuple[float, float] | None:
+        """Return where a mark that is in range appears in the robot's frame; None if the robot does not see it."""
+        if not sees_mark(*self._room, self._robot, *mark_m):
+            return None
+        pose = self._pose
+        turn = pose[OWN_HEADING] - pose[HEADING]
+        more_cos, sin = elementary.cos(turn) - 1.0, elementary.sin(turn)
+        dx, dy = mark_m[0] - pose[X], mark_m[1] - pose[Y]
+        # so that who knows its pose sees it just where it is, without rounding
+        return (
+            mark_m[0] + (pose[OWN_X] - pose[X]) + (more_cos * dx - sin * dy),
+            mark_m[1] + (pose[OWN_Y] - pose[Y]) + (sin * dx + more_cos * dy),
+        )
 
     def _sees_many(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
         count = len(points_m)

@@ -1,8 +1,10 @@
 """What a robot counts for the metrics: frames, bytes and energy of its radios, and its way."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from cosim.geometry.planning import Point
 from cosim.units import Time
 
 
@@ -32,7 +34,9 @@ class Counters:
     stopped_at: Time | None = None
     """Instant at which a searcher received that the task is over."""
     ways_m: list[float] = field(default_factory=list)
-    """Distance driven up to each tick."""
+    """Distance driven up to each tick, by odometry."""
+    place_m: Point | None = None
+    """Where the robot was at its last observation, in its own frame."""
     begun: Time = 0
     """Instant of its first observation."""
     last_tick: Time = 0
@@ -40,9 +44,11 @@ class Counters:
     ahead: Time = 0
     """Time by which faults have set the robot's clock forward since it began, as of the last tick."""
 
-    def moved(self, way_m: float, now: Time) -> None:
-        """Count the way of one tick."""
-        ways_m = self.ways_m
+    def moved(self, place_m: Point, now: Time) -> None:
+        """Count the way of one tick, to where the robot is in its own frame."""
+        ways_m, before = self.ways_m, self.place_m
+        way_m = 0.0 if before is None else math.dist(place_m, before)
+        self.place_m = place_m
         if ways_m:
             self.last_tick += self.tick
             way_m += ways_m[-1]

@@ -6,7 +6,6 @@ heartbeat shows that its sender knows less. A host that has been rebooted rememb
 that): the other hosts send it its last members, and its searchers report everything again.
 """
 
-import math
 from functools import partial
 
 from cosim.geometry.planning import Point
@@ -39,6 +38,7 @@ from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.subteam import SubTeam, Work
 from protocols.aggregation.touring import Mover
 from protocols.detection.detectors import Detector, make_detector
+from protocols.localization.positioning import Positioning
 
 REPEATS = 3
 """Number of heartbeats with which a status broadcast is repeated, as it is not acknowledged."""
@@ -52,6 +52,7 @@ class Host(Drains):
         parameters: Parameters,
         setup: Setup,
         me: Address,
+        positioning: Positioning,
         mover: Mover,
         phase: Time,
         start: Time,
@@ -65,6 +66,7 @@ class Host(Drains):
         self.over = False
         self.parameters = parameters
         self.setup = setup
+        self.positioning = positioning
         self._posts = len(setup.ground.posts_m)
         self._period = from_seconds(parameters.heartbeat_s)
         self._radio = Radio(me, self.counters, self._outbox, self._events)
@@ -97,7 +99,7 @@ class Host(Drains):
 
     def believed(self) -> Belief:
         """Return where it means to go, for who looks on."""
-        return self._itinerary.believed()
+        return self._itinerary.believed()._replace(estimate=self.positioning.estimate, frame="world")
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         """Process a message of a searcher or of another host; return whether anything has come of it."""
@@ -116,15 +118,15 @@ class Host(Drains):
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Drive on, and begin or end a meeting when it is time; return whether anything has come of it."""
-        here = observation.x_m, observation.y_m
-        self.counters.moved(math.dist(here, self._here) if self.counters.ways_m else 0.0, now)
-        self._here = here
+        self.counters.moved((observation.x_m, observation.y_m), now)
+        observation = self.positioning.locate(observation)
+        here = self._here = observation.x_m, observation.y_m
         if self._unplaced:  # rebooted: only now it knows where it is
             self._unplaced = False
             self._itinerary.depart(here, (), now)
         if self._itinerary.due(now) and self._itinerary.reconvened(self.team.missing(), here, now):
             self._status_left = REPEATS
-        command = self._itinerary.step(observation, now)
+        command = self.positioning.order(self._itinerary.step(observation, now), observation)
         if command is not None:
             self._commands.append(command)
         return self.left()

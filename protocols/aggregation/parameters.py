@@ -6,6 +6,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from cosim.settings import FARTHEST_M, Bounded, Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
 from protocols.detection.detectors import DetectorSettings, FixedTimeoutSettings
+from protocols.localization.positioning import PositioningParameters
 
 Reach: TypeAlias = Annotated[float, Bounded(0.1, FARTHEST_M)]
 """Range within which a camera recognises something: the floor is divided into what is seen from its posts."""
@@ -80,6 +81,7 @@ class Parameters(Settings):
         "free cells: its ways are as short, at a hundredth of the cost",
     )
     walking: WalkingParameters = WalkingParameters()
+    positioning: PositioningParameters = PositioningParameters()
 
     muster_s: Seconds = Field(default=3.0, gt=0, description="s, for announcing the first plan before hosts depart")
     reconvene_s: Seconds = Field(default=150.0, gt=0, description="s, MRP: from a host's departure until it stops")
@@ -160,8 +162,12 @@ class Parameters(Settings):
         return min(self.camera_m, self.human_camera_m or self.camera_m)
 
     def of(self, robot: int) -> "Parameters":
-        """Return the parameters of one robot: a person has the ``camera_m`` and ``vision_m`` of people."""
+        """Return the parameters of one robot.
+
+        A person has the ``camera_m`` and ``vision_m`` of people, and no filter, only the given pose.
+        """
         if robot not in self.humans:
             return self
         sight = {"camera_m": self.human_camera_m, "vision_m": self.human_vision_m}
-        return self.model_copy(update={name: reach_m for name, reach_m in sight.items() if reach_m is not None})
+        own = {name: reach_m for name, reach_m in sight.items() if reach_m is not None}
+        return self.model_copy(update={"positioning": PositioningParameters(), **own})

@@ -16,7 +16,6 @@ At the appointed time those who are out of contact go to the rally point, whatev
 as with ``area``.
 """
 
-import math
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Final
@@ -51,6 +50,7 @@ from protocols.aggregation.setup import Setup
 from protocols.aggregation.streaming import Stream
 from protocols.aggregation.touring import Motion
 from protocols.detection.incarnations import Incarnation
+from protocols.localization.positioning import Positioning
 
 GREETING_BEATS = 5
 """Number of heartbeats after which a searcher that lacks nothing sends a Hello."""
@@ -130,7 +130,14 @@ class Searcher(Drains):
     """The machine of a searcher. It acts on observations and on messages, and has no deadlines."""
 
     def __init__(
-        self, parameters: Parameters, setup: Setup, me: Address, motion: Motion, start: Time, rebooted: bool
+        self,
+        parameters: Parameters,
+        setup: Setup,
+        me: Address,
+        positioning: Positioning,
+        motion: Motion,
+        start: Time,
+        rebooted: bool,
     ) -> None:
         """Begin in the sub-team that all robots know; a searcher that was *rebooted* begins in none."""
         super().__init__()
@@ -139,6 +146,7 @@ class Searcher(Drains):
         self.findings = Findings()
         self.parameters = parameters
         self.setup = setup
+        self.positioning = positioning
         self.state = State.WAIT
         self.membership = Membership(None if rebooted else setup.host_of(me), 0)
         self._radio = Radio(me, self.counters, self._outbox, self._events)
@@ -185,7 +193,7 @@ class Searcher(Drains):
     def believed(self) -> Belief:
         """Return where it means to go, for who looks on."""
         way = self._motion.ahead_m
-        return Belief(way_m=way, goal_m=way[-1] if way else None)
+        return Belief(None, way, way[-1] if way else None, self.positioning.estimate, "world")
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         """Process a message of a host; ignore those of other searchers. Return whether anything has come of it."""
@@ -231,9 +239,9 @@ class Searcher(Drains):
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Look around, decide, and walk; return whether anything has come of it."""
-        here = observation.x_m, observation.y_m
-        self.counters.moved(0.0 if self._here is None else math.dist(here, self._here), now)
-        self._here = here
+        self.counters.moved((observation.x_m, observation.y_m), now)
+        observation = self.positioning.locate(observation)
+        here = self._here = observation.x_m, observation.y_m
         if found := self._camera.look(observation, self.findings):
             self._events += [TargetFound(*finding) for finding in self.findings.add(found)]
         if self._motion.reached is not None:
@@ -247,7 +255,7 @@ class Searcher(Drains):
             host = self.membership.host
             if self._stream is not None and host is not None and self._in_contact(now):
                 self._stream.flow(host)
-        command = self._walk(observation, now)
+        command = self.positioning.order(self._walk(observation, now), observation)
         if command is not None:
             self._commands.append(command)
         return self.left()

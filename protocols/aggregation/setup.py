@@ -10,6 +10,7 @@ from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.ground import Ground
+from protocols.localization.positioning import KnownMaps
 
 Tours: TypeAlias = tuple[tuple[int, ...], ...]
 """For each of several searchers, the posts that it is to visit, in order."""
@@ -34,6 +35,8 @@ class Setup:
     """Area of the floor's bounds."""
     exit_m: Point | None
     """Exit of the floor, if it names one."""
+    maps: KnownMaps
+    """The floor as maps on which robots localise."""
     integration_s: float | None = None
     """SRP's static integration time, s from the start; None if finds are not kept back for one."""
 

@@ -27,6 +27,8 @@ from protocols.aggregation.subteam import Work
 from protocols.aggregation.touring import Motion, RandomWalk
 from protocols.aggregation.tours import regions
 from protocols.aggregation.walking import Pedestrian, Walker
+from protocols.localization.positioning import KnownMaps, Positioning, check_positioning, positioning_of
+from protocols.localization.scan import Sensor
 
 TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
@@ -97,6 +99,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     size = len(surroundings.starts_m)
     _check_team(parameters, size)
     _check_radios(parameters, surroundings.radios)
+    check_positioning(parameters.positioning, surroundings)
     floor = _ground(parameters, surroundings)
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     starts = surroundings.starts_m
@@ -112,6 +115,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
         targets_m=_targets(parameters, surroundings, floor),
         area_m2=(x_max - x_min) * (y_max - y_min),
         exit_m=surroundings.places_m.get("exit", (None,))[0],
+        maps=KnownMaps(surroundings),
     )
     if parameters.strategy != "srp" or parameters.report != "appointed":
         return setup
@@ -192,19 +196,27 @@ def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Ge
     """Return the machine of robot *me*; one that is made after the start has been rebooted."""
     rebooted = start > 0
     body = setup.ground, setup.radii_m[me], setup.speeds_mps[me], setup.tick, parameters.walking
+    own = parameters.of(me)
     if me >= setup.hosts:
         human = me in parameters.humans
         mover = Pedestrian(*body) if human else Walker(*body)
         length_m = math.dist if human else setup.ground.length_m  # a person has no planner
         random_walk = RandomWalk(setup.ground, parameters.walking, setup.tick, stream)
         motion = Motion(setup.ground, mover, random_walk, length_m, stream, parameters.strategy == "random")
-        return Searcher(parameters.of(me), setup, me, motion, start, rebooted)
+        return Searcher(own, setup, me, _positioning(own, setup, me, stream), motion, start, rebooted)
     phase = from_seconds(float(stream.uniform(0.0, 0.5 * parameters.heartbeat_s)))
-    return Host(parameters, setup, me, Walker(*body), phase, start, rebooted)
+    return Host(own, setup, me, _positioning(own, setup, me, stream), Walker(*body), phase, start, rebooted)
+
+
+def _positioning(own: Parameters, setup: Setup, me: Address, stream: np.random.Generator) -> Positioning:
+    """Return what locates robot *me*, of which these are the *own* parameters."""
+    sensor = Sensor(setup.maps.surroundings.beams)
+    return positioning_of(own.positioning, setup.maps, me, own.cell_m, sensor, stream)
 
 
 def succeed(before: Host | Searcher, after: Host | Searcher, now: Time) -> None:
-    """Keep the counters of a machine for the metrics when another takes its place."""
+    """Hand over to a machine that boots again the shift of its frame, which its disk has kept, and the counters."""
+    after.positioning.resume(before.positioning.shift)
     after.counters.follow(before.counters, now)
 
 

@@ -6,11 +6,11 @@ from pydantic import Field, model_validator
 
 from cosim.settings import Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
 from protocols.deployment.driving.exploring_parameters import ExploringParameters
-from protocols.deployment.localization.positioning import PositioningParameters, SonarParameters
 from protocols.deployment.messages.status import MOST_BYTES
 from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.planner import Call, PlannerParameters
 from protocols.deployment.tasks.plan import Place, Strategy
+from protocols.localization.positioning import PositioningParameters, SonarParameters
 from protocols.motion.parameters import DrivingParameters
 from protocols.transport.frames import PUBLICATION_OVERHEAD
 from protocols.transport.parameters import TransportParameters

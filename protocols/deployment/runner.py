@@ -4,7 +4,6 @@ These parts are joined only here: messages that arrive go to the host and the me
 robot go to the member, and the member's reports go to the host.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -29,8 +28,6 @@ from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.learned import floor_of
-from protocols.deployment.localization.positioning import Given, Localised, Positioning
-from protocols.deployment.localization.scan import Sensor
 from protocols.deployment.member.member import Member
 from protocols.deployment.messages import messages, status
 from protocols.deployment.messages.messages import Letter, Look, Picture, YieldRequest
@@ -42,6 +39,8 @@ from protocols.deployment.parameters import Parameters
 from protocols.deployment.setup import Setup
 from protocols.deployment.tasks.orders import Whereabouts
 from protocols.deployment.team.host import Host
+from protocols.localization.positioning import positioning_of
+from protocols.localization.scan import Sensor
 from protocols.mapping import frames
 from protocols.transport.transport import Transport
 from protocols.wire import BadBytes
@@ -71,7 +70,15 @@ class Runner(Drains):
         body = setup.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
         note = self._events.append
-        self.positioning = _positioning_of(parameters, setup, me, stream, note)
+        self.positioning = positioning_of(
+            parameters.positioning,
+            setup.maps,
+            me,
+            setup.floors[me].parameters.cell_m,
+            _sensor(parameters, setup, me),
+            stream,
+            note,
+        )
         self.transport = Transport(me, setup.size, parameters.carried, start)
         known = setup.ground, me, self.transport.publication_octets, floor
         self.exploring = Exploring(parameters.exploring, *known, body.sensor == "laser", note)
@@ -296,20 +303,9 @@ class Runner(Drains):
         )
 
 
-def _positioning_of(
-    parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, note: Callable[[Event], None]
-) -> Positioning:
-    """Return what locates robot *me*; it draws from *stream*, if at all."""
-    own, ring = parameters.positioning, parameters.sonar
-    body, frame = setup.crew.bodies[me], setup.frames[me]
-    sensor = Sensor(setup.beams)
-    if body.sensor == "sonar":
-        sensor = Sensor(setup.beams, max(1, round(setup.beams / ring.beams)), ring.range_m, ring.noise_m)
-    if own.kind == "given":
-        return Given(sensor, frame, stream)
-    known = setup.maps.known(setup.floors[me].parameters.cell_m, body.radius_m)
-    radii_m = tuple(each.radius_m for each in setup.crew.bodies)
-    # the filter expects no more than the robot's own sensor can see
-    reach = {"range_m": min(sensor.range_m, setup.scan_range_m)}
-    own = own.model_copy(update={"filter": own.filter.model_copy(update=reach)})
-    return Localised(own, known, sensor, frame, radii_m, setup.tick, stream, note)
+def _sensor(parameters: Parameters, setup: Setup, me: Address) -> Sensor:
+    """Return the range sensor of robot *me*."""
+    ring = parameters.sonar
+    if setup.crew.bodies[me].sensor == "laser":
+        return Sensor(setup.beams)
+    return Sensor(setup.beams, max(1, round(setup.beams / ring.beams)), ring.range_m, ring.noise_m)

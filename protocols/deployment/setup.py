@@ -10,17 +10,16 @@ from cosim.documents import read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.polylines import middle
 from cosim.machine import Address
-from cosim.navigation.localization.motion import Pose
 from cosim.protocol import Surroundings, check_cells
 from cosim.units import Time
 from protocols.deployment.driving.exploring import Ground, ground_of
-from protocols.deployment.localization.positioning import KnownMaps
 from protocols.deployment.member.camera import half_turn_s
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.play import Play
 from protocols.deployment.planning.playbook import BUILT_IN, Playbook
 from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.plan import Place
+from protocols.localization.positioning import KnownMaps
 from protocols.motion.floor import Floor
 
 _LINES: Final = 6
@@ -37,8 +36,6 @@ class Setup:
     crew: Crew
     playbook: Playbook
     starts_m: tuple[Place, ...]
-    scan_range_m: float
-    """Range of the robots' scanners."""
     beams: int
     """Number of beams of a scanner."""
     named_m: dict[str, tuple[Place, ...]]
@@ -47,8 +44,6 @@ class Setup:
     """Floor of each robot; robots with cells of the same size share one, also with the planner."""
     maps: KnownMaps
     """Floor as maps on which robots localise."""
-    frames: tuple[Pose, ...]
-    """Frame of each robot, as a pose in that of the floor."""
     ground: Ground
     """What robots that explore know beforehand."""
 
@@ -87,12 +82,10 @@ def setup_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
         crew=Crew(bodies, _base_m(parameters, floor, bodies, surroundings.starts_m)),
         playbook=_playbook(parameters),
         starts_m=tuple((float(x), float(y)) for x, y in surroundings.starts_m),
-        scan_range_m=surroundings.scan_range_m,
         beams=surroundings.beams,
         named_m={name: tuple(places) for name, places in surroundings.places_m.items()},
         floors=_floors(parameters, surroundings, floor, size),
         maps=KnownMaps(surroundings),
-        frames=surroundings.frames or ((0.0, 0.0, 0.0),) * size,
         ground=ground,
     )
 

@@ -11,7 +11,6 @@ from cosim.machine import Address
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.deployment.driving.exploring import EVENTS as EXPLORING_EVENTS
-from protocols.deployment.localization import positioning
 from protocols.deployment.messages import messages, status
 from protocols.deployment.operator.page import PAGE
 from protocols.deployment.parameters import Parameters
@@ -20,6 +19,7 @@ from protocols.deployment.runner import MAP_TOPICS, Runner
 from protocols.deployment.setup import Setup, setup_of
 from protocols.deployment.tasks.events import EVENTS, PlanRefused
 from protocols.deployment.tasks.plan import Place
+from protocols.localization import positioning
 from protocols.mapping import frames
 from protocols.motion.floor import Floor
 from protocols.transport.decoding import TransportFrame, decode_all
@@ -84,8 +84,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     size = len(surroundings.starts_m)
     if parameters.courier.links is not None and size > MOST_ROBOTS:
         raise UserError(f"protocol.parameters.courier.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
-    if parameters.positioning.kind == "mcl" and not surroundings.beams:
-        raise UserError("protocol.parameters.positioning.kind: 'mcl' needs a range scanner")
+    positioning.check_positioning(parameters.positioning, surroundings)
     return setup_of(parameters, surroundings)
 
 

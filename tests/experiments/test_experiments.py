@@ -28,7 +28,11 @@ TINY = {
     "aggregation_search": (20, ["duration_s=20", "case=normal"]),
 }
 """By experiment: seconds, and what makes its runs last so long."""
-DECLARED = {"aggregation_channels": ("loads",), "aggregation_search": ("joint",)}
+DECLARED = {
+    "aggregation_channels": ("loads",),
+    "aggregation_laboratory": ("positions",),
+    "aggregation_search": ("joint",),
+}
 """Sheets of variations, beside the alternatives."""
 
 
@@ -250,6 +254,22 @@ def test_tether_camera_and_rooms_are_varied_together_and_nothing_else_is():
         del plain["protocol"]["parameters"]["camera_m"], plain["protocol"]["parameters"]["long_m"]
         assert found == plain
     assert len(kinds) == 8
+
+
+def test_where_robots_take_themselves_to_be_is_all_that_is_varied_and_true_positions_are_the_sweep():
+    sheets = (
+        load_experiment(EXPERIMENTS / "aggregation_laboratory" / f"{name}.yaml") for name in ("positions", "sweep")
+    )
+    chosen, usual = ({tuple(one.labels.values()): scenario_of(one) for one in each.arms} for each in sheets)
+    assert len(chosen) == 3 * 4 * 4
+    drift = {"odometry_slip": 0.03, "odometry_turn_rad": 0.03, "range_noise_m": 0.02}
+    for (choice, *labels), scenario in chosen.items():
+        found, plain = (one.model_dump(exclude={"name"}) for one in (scenario, usual[tuple(labels)]))
+        assert found["protocol"]["parameters"]["positioning"].pop("kind") == ("mcl" if choice == "mcl" else "given")
+        assert plain["protocol"]["parameters"]["positioning"].pop("kind") == "given"
+        if choice != "true":
+            plain["team"]["senses"] |= drift
+        assert found == plain
 
 
 # ---------------------------------------------------------------- alternatives

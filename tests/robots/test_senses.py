@@ -85,6 +85,53 @@ def in_frame(frame: Frame, x_m: float, y_m: float) -> tuple[float, float]:
     return own.real, own.imag
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_mark_of_the_world_is_detected_where_shapely_finds_no_wall_before_the_body_and_it_is_in_range(
+    seed: int,
+) -> None:
+    walls = random_walls(seed)
+    frame = (3.0, -2.0, 0.7)
+    scene = Scene([(5.05, 4.95)], segment_grid(walls), [frame], range_m=5.0)
+    (observation,) = scene.look()
+    marks = np.random.default_rng(100 + seed).uniform(0, 10, (400, 2))
+    lines = shapely.linestrings([[(5.05, 4.95), mark] for mark in marks])
+    blocked = shapely.intersects(lines, shapely.multilinestrings(walls.reshape(-1, 2, 2)))
+    expected = (~blocked & (shapely.length(lines) <= 4.0)).tolist()
+    found = observation.detects([tuple(mark) for mark in marks.tolist()], 4.0)
+    assert [place is not None for place in found] == expected
+    assert 20 < sum(expected) < 300
+    for place, mark in zip(found, marks, strict=True):
+        assert place is None or place == pytest.approx(in_frame(frame, *mark))
+
+
+def test_who_is_off_by_a_metre_detects_what_its_body_sees_and_takes_it_to_be_off_as_much() -> None:
+    """The robot believes to be a metre north of where it is, and to be turned by a quarter to the left of that."""
+    scene = Scene([(5.0, 5.0)], segment_grid([[4.0, 5.5, 6.0, 5.5]]))
+    scene.look()
+    scene.senses.poses[0, 3:6] = 5.0, 6.0, math.pi / 2.0
+    view = scene.senses.view_from(0, scene.senses.poses, 0)
+    marks = [(5.0, 4.0), (7.0, 5.0), (5.0, 6.5)]  # the last is behind a wall, though not by belief
+    south, east, hidden = view.detects(marks, 2.5)
+    assert south == pytest.approx((6.0, 6.0))
+    assert east == pytest.approx((5.0, 8.0))
+    assert hidden is None
+    assert view.detects(marks, 1.5) == [south, None, None]
+
+
+def test_who_knows_its_pose_detects_marks_just_where_they_are() -> None:
+    """Without rounding: with true positions nothing depends on how a mark was looked for."""
+    places = np.random.default_rng(1).uniform(-30.0, 30.0, (50, 2)).tolist()
+    (observation,) = Scene([(170.1, -230.7, 2.9)], range_m=500.0).look()
+    marks = [(x, y) for x, y in places]
+    assert observation.detects(marks, 500.0) == marks
+
+
+def test_a_blind_camera_detects_nothing() -> None:
+    scene = Scene([(0.0, 0.0)])
+    scene.senses.blind(0, True)
+    assert scene.look()[0].detects([(1.0, 0.0)], 5.0) == [None]
+
+
 def test_robots_see_each_other_where_they_are_each_in_its_own_frame() -> None:
     walls = segment_grid([[2.0, -1.0, 2.0, 1.0]])
     frames = [(0.0, 0.0, math.pi / 2), (4.0, 0.0, math.pi), (1.0, 2.0, 0.0)]

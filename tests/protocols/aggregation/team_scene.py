@@ -147,9 +147,14 @@ def run(strategy: str = "mi", seed: int = 1, **options: Any) -> Run:
 
 
 def prepared(
-    starts_m: Sequence[Point], strategy: str = "mi", hosts: int = 2, speeds_mps: Sequence[float] = (), **changes: Any
+    starts_m: Sequence[Point],
+    strategy: str = "mi",
+    hosts: int = 2,
+    speeds_mps: Sequence[float] = (),
+    beams: int = 0,
+    **changes: Any,
 ) -> tuple[Parameters, Setup]:
-    """Return parameters and knowledge of a team that starts at *starts_m* on the floor."""
+    """Return parameters and knowledge of a team that starts at *starts_m* on the floor, with scanners of 8 m."""
     parameters = Parameters.model_validate({"strategy": strategy, "hosts": hosts, **SMALL, **changes})
     surroundings = Surroundings(
         starts_m=tuple(starts_m),
@@ -162,6 +167,8 @@ def prepared(
         forbidden=lambda points: np.zeros(len(points), bool),
         radii_m=(RADIUS_M,) * len(starts_m),
         speeds_mps=tuple(speeds_mps) or (1.0,) * hosts + (2.0,) * (len(starts_m) - hosts),
+        scan_range_m=8.0,
+        beams=beams,
     )
     return parameters, SPEC.prepare(parameters, surroundings)
 
@@ -175,6 +182,9 @@ class Sight:
 
     def sees(self, points_m: Sequence[Point]) -> list[bool]:
         return [math.dist(point, self.here) <= self._range_m for point in points_m]
+
+    def detects(self, marks_m: Sequence[Point], range_m: float) -> list[Point | None]:
+        return [mark if math.dist(mark, self.here) <= min(range_m, self._range_m) else None for mark in marks_m]
 
     def ranges_m(self) -> Any:
         return np.full(72, math.inf)

@@ -1,4 +1,4 @@
-"""What a camera recognises, and when it needs to look."""
+"""What a camera recognises: by where its robot truly is, and where it appears by the robot's own pose."""
 
 import math
 
@@ -12,15 +12,20 @@ from protocols.aggregation.messages import Finding
 RANGE_M = 3.0
 
 
-class Open:
-    """A floor without walls; counts the questions."""
+class Body:
+    """Where a robot truly is on a floor without walls, for one that takes itself to be elsewhere."""
 
-    def __init__(self):
-        self.asked = 0
+    def __init__(self, place, off=(0.0, 0.0)):
+        self._place, self._off = place, off
+
+    def detects(self, marks_m, range_m):
+        return [
+            (x + self._off[0], y + self._off[1]) if math.dist((x, y), self._place) <= range_m else None
+            for x, y in marks_m
+        ]
 
     def sees(self, points_m):
-        self.asked += len(points_m)
-        return [True] * len(points_m)
+        raise AssertionError("not asked")
 
     def ranges_m(self):
         raise AssertionError("not asked")
@@ -45,35 +50,22 @@ def test_a_target_is_recognised_at_the_first_tick_at_which_it_is_in_range(seed):
         if tick == 700:  # somebody else tells of it
             known.add([Finding(0, *targets[0])])
         expected = [n for n, each in enumerate(targets) if n not in known.targets and math.dist(place, each) <= RANGE_M]
-        found = camera.look(at(place, Open()), known)
+        found = camera.look(at(place, Body(place)), known)
         assert [(each.number, (each.x_m, each.y_m)) for each in found] == [(n, targets[n]) for n in expected]
         known.add(found)
     assert len(known.targets) > 2
 
 
-def test_what_is_in_range_behind_a_wall_is_looked_for_at_every_tick():
-    class Walled(Open):
-        def sees(self, points_m):
-            super().sees(points_m)
-            return [False] * len(points_m)
-
-    view, camera = Walled(), Camera([(2.0, 0.0), (50.0, 0.0)], RANGE_M)
-    assert [camera.look(at((0.0, 0.0), view), Findings()) for _ in range(5)] == [[]] * 5
-    assert view.asked == 5
+def test_a_robot_that_is_elsewhere_than_it_believes_sees_what_its_body_sees():
+    camera = Camera([(10.0, 4.0), (10.0, 0.0)], RANGE_M)
+    (found,) = camera.look(at((10.0, 2.0), Body((10.0, 5.0), (0.0, -3.0))), Findings())  # both are in range by belief
+    assert found == Finding(0, 10.0, 1.0)
+    assert camera.look(at((10.0, 4.0), Body((20.0, 4.0))), Findings()) == []
 
 
-def test_where_no_target_can_be_in_range_none_is_looked_for():
-    class Unasked(Findings):
-        def __init__(self):
-            self.visited, self.changes = set(), 0
-
-        @property
-        def targets(self):
-            raise AssertionError("not asked")
-
-    camera = Camera([(10.0, 0.0), (0.0, 30.0)], RANGE_M)
-    assert camera.look(at((0.0, 0.0), Open()), Findings()) == []
-    for k in range(1, 700):
-        assert camera.look(at((0.01 * k, 0.0), Open()), Unasked()) == []
-    (found,) = camera.look(at((7.0, 0.0), Open()), Findings())
+def test_who_stays_by_its_belief_sees_what_its_body_is_carried_to():
+    camera = Camera([(10.0, 0.0)], RANGE_M)
+    for x_m in range(7):
+        assert camera.look(at((0.0, 0.0), Body((float(x_m), 0.0))), Findings()) == []
+    (found,) = camera.look(at((0.0, 0.0), Body((7.0, 0.0))), Findings())
     assert found.number == 0

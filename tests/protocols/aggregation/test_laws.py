@@ -85,6 +85,12 @@ def test_a_team_whose_searchers_stream_keeps_the_laws() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("nobody_has_booted")
+def test_a_team_whose_robots_localise_keeps_the_laws() -> None:
+    check_machine(maker("mi", beams=36, positioning={"kind": "mcl"}), STARTS_M, 2 * S)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("detector", ["nfd_s", "nfd_e", "phi_akka", "phi_normal"])
 @pytest.mark.usefixtures("nobody_has_booted")
 def test_teams_keep_the_laws_with_every_detector(detector: str) -> None:

@@ -1,7 +1,7 @@
 """The metrics: cases computed by hand, and whole runs against what the simulator and the trace say of them."""
 
 import math
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import pytest
@@ -25,8 +25,9 @@ def measured(team: Team) -> dict[str, float]:
 def walked(machine: Any, steps_m: list[float]) -> None:
     """Have a robot drive so far in each tick, from the start on."""
     machine.counters.ways_m.clear()
-    for tick, step_m in enumerate(steps_m):
-        machine.counters.moved(step_m, tick * TICK)
+    machine.counters.place_m = None
+    for tick, x_m in enumerate(accumulate(steps_m)):
+        machine.counters.moved((x_m, 0.0), tick * TICK)
 
 
 # ---------------------------------------------------------------- by hand

@@ -15,15 +15,15 @@ from cosim.navigation.localization.motion import Pose
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams
 from cosim.robots.senses import WORLD_FRAME, Senses, SenseSettings
-from protocols.deployment.localization.positioning import shifted
-from protocols.deployment.localization.scan import Scan, Sensor
+from protocols.localization.positioning import shifted
+from protocols.localization.scan import Scan, Sensor
 from protocols.motion.driver import Driver
 from protocols.motion.floor import Floor
 from protocols.motion.frames import Located, Shift, start, step
 from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Other, Traffic
 from tests.protocols.deployment.driving_scene import SIGHT_M, TICK, Scene, body, box, line
-from tests.protocols.deployment.positioning_scene import DRIFT, told
+from tests.protocols.localization.positioning_scene import DRIFT, told
 from tests.tiers import two_tiers
 
 BEAMS = 60

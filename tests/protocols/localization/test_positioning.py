@@ -16,10 +16,10 @@ from cosim.geometry.segments import clearance, segment_grid
 from cosim.machine import Event
 from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation, Sighting
-from protocols.deployment.localization.positioning import Given, KnownMaps, Positioned, shifted
-from protocols.deployment.localization.scan import SAME_M, Scan, Sensor, turned_ranges, without_bodies
+from protocols.localization.positioning import Given, KnownMaps, Positioned, shifted
+from protocols.localization.scan import SAME_M, Scan, Sensor, turned_ranges, without_bodies
 from protocols.motion.frames import Shift
-from tests.protocols.deployment.positioning_scene import (
+from tests.protocols.localization.positioning_scene import (
     BEAMS,
     RADIUS_M,
     WALLS,
@@ -72,6 +72,9 @@ def test_points_of_the_map_are_looked_for_in_the_frame_of_odometry() -> None:
     assert seen.view is not None
     found = shifted(seen, shift, Scan(seen.view, Sensor(BEAMS), None))
     assert found.sees([shift.point(1.0, 7.0), shift.point(-1.0, 7.0)]) == [True, False]
+    near, far = found.detects([(1.0, 2.0), (5.0, 0.0)], 3.0)  # marks are of the world, what is detected is on the map
+    assert near == pytest.approx(shift.point(2.0, 2.0))
+    assert far is None
 
 
 # ---------------------------------------------------------------- scans

@@ -13,8 +13,8 @@ from cosim.machine import Event
 from cosim.observation import Observation, Seen, Sighting
 from cosim.protocol import Surroundings
 from cosim.robots.senses import SenseSettings
-from protocols.deployment.localization.positioning import KnownMaps, Localised, PositioningParameters
-from protocols.deployment.localization.scan import Sensor
+from protocols.localization.positioning import KnownMaps, Localised, PositioningParameters
+from protocols.localization.scan import Sensor
 from tests.protocols.deployment.driving_scene import TICK, Scene, body, box, line
 
 BEAMS, RANGE_M = 180, 8.0
@@ -75,13 +75,19 @@ def scanned(pose: tuple[float, float, float], frame_rad: float = 0.0, beams: int
 
 
 class Scanned:
-    """A view that shows some ranges, counts how often it is asked, and sees what is right of the y axis."""
+    """A view that shows some ranges, counts how often it is asked, and sees what is right of the y axis.
+
+    Marks of the world within range of its origin it detects 1 m farther along x.
+    """
 
     def __init__(self, ranges_m: Floats) -> None:
         self._ranges_m, self.asked = ranges_m, 0
 
     def sees(self, points_m: Any) -> list[bool]:
         return [x > 0.0 for x, _ in points_m]
+
+    def detects(self, marks_m: Any, range_m: float) -> list[tuple[float, float] | None]:
+        return [(x + 1.0, y) if math.hypot(x, y) <= range_m else None for x, y in marks_m]
 
     def ranges_m(self) -> Floats:
         self.asked += 1

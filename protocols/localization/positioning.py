@@ -1,9 +1,10 @@
 """Where a robot takes itself to be: at the given pose, or at the estimate of Monte Carlo localisation on the known map.
 
-The team of paper 004 localises itself "using Markov localization" on its map. So does a robot here whose odometry
-drifts (:mod:`cosim.navigation.localization`), beginning at its known start. Observations are then converted to the
-map's frame: pose, robots in sight and ranges, all by one shift, so that they stay consistent. The filter's corrections
-are applied little by little. Still they are no motion, so how robots move is not derived from places in that frame
+The team of paper 004 localises itself "using Markov localization" on its map, that of paper 002 by Monte Carlo
+localisation (section VII.B). So does a robot here whose odometry drifts (:mod:`cosim.navigation.localization`),
+beginning at its known start. Observations are then converted to the map's frame: pose, robots in sight and ranges, all
+by one shift, so that they stay consistent. Orders go the other way. The filter's corrections are applied little by
+little. Still they are no motion, so how robots move is not derived from places in that frame
 (:class:`protocols.motion.frames.Located`).
 """
 
@@ -19,16 +20,17 @@ import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.geometry.segments import clearance, segment_grid
-from cosim.machine import Event
+from cosim.machine import Address, Command, Event
 from cosim.navigation.localization.likelihood import KnownMap, known_map
 from cosim.navigation.localization.localizer import LocalizationParameters, Localizer
 from cosim.navigation.localization.motion import Pose
-from cosim.observation import Observation, Seen, Sighting
+from cosim.observation import Marks, Observation, Seen, Sighting
 from cosim.protocol import PoseEstimate, Surroundings
 from cosim.randomness import Draws
 from cosim.settings import Angle, Metres, Seconds, Settings
 from cosim.units import S, Time, to_seconds
-from protocols.deployment.localization.scan import Scan, Sensor
+from protocols.localization.aiming import Aim
+from protocols.localization.scan import Scan, Sensor
 from protocols.motion.frames import Located, Shift
 
 # ---------------------------------------------------------------- parameters
@@ -88,6 +90,7 @@ class KnownMaps:
     """The maps of a run's floor; each is made when it is asked for first, and shared by all robots with its cells."""
 
     def __init__(self, surroundings: Surroundings) -> None:
+        self.surroundings = surroundings
         self._grid = segment_grid(surroundings.walls_m)
         self._bounds_m = surroundings.bounds_m
         self._forbidden = surroundings.forbidden
@@ -157,6 +160,13 @@ class Positioning(Protocol):
     def locate(self, observation: Observation) -> Observation:
         """Return *observation* in the map's frame; to be called once a tick."""
 
+    def order(self, command: Command | None, observation: Observation) -> Command | None:
+        """Return the order to the body, in the robot's own frame: for machines that send theirs to places.
+
+        To be called once a tick with the *command* to be given, or None, and the located *observation*, both in the
+        map's frame.
+        """
+
 
 class ShiftedView:
     """The view of an observation, in the map's frame."""
@@ -168,6 +178,11 @@ class ShiftedView:
         """Return which points of the map's frame lie in the visibility region."""
         return self._observation.sees([self._shift.back(x, y) for x, y in points_m])
 
+    def detects(self, marks_m: Marks, range_m: float) -> list[tuple[float, float] | None]:
+        """Return where marks of the world appear in the map's frame; None for those that the robot does not see."""
+        found = self._observation.detects(marks_m, range_m)
+        return [None if place is None else self._shift.point(*place) for place in found]
+
     def ranges_m(self) -> Floats:
         """Return the ranges of beams along the directions of the map's frame."""
         return self._scan.along_m(self._shift.turned_rad)
@@ -178,10 +193,16 @@ class Given:
 
     estimate = None
 
-    def __init__(self, sensor: Sensor, frame: Pose, stream: np.random.Generator | None = None) -> None:
-        """Take the robot's own *frame*, as a pose in that of the map, and the *stream* of its sensor's noise."""
+    def __init__(
+        self, sensor: Sensor, frame: Pose, stream: np.random.Generator | None = None, errs: bool = False
+    ) -> None:
+        """Take the robot's own *frame*, as a pose in that of the map, and the *stream* of its sensor's noise.
+
+        *errs* is True if the pose is wrong now and then.
+        """
         self._sensor, self.shift, self._stream = sensor, Shift(*frame), stream
         self._plain = sensor.whole and self.shift == Shift()
+        self._aim = None if self._plain and not errs else Aim()
 
     def resume(self, shift: Shift) -> None:
         """Do nothing: the frame is known."""
@@ -191,6 +212,10 @@ class Given:
         if self._plain:
             return observation
         return shifted(observation, self.shift, _scan(observation, self._sensor, self._stream))
+
+    def order(self, command: Command | None, observation: Observation) -> Command | None:
+        """Return the order to the body, in the robot's own frame."""
+        return command if self._aim is None else self._aim.order(command, observation, self.shift)
 
 
 class Localised:
@@ -213,6 +238,7 @@ class Localised:
         self._localizer = Localizer(known, sensor.directions, draws, own.filter)
         self._own, self._sensor, self._radii_m, self._tell = own, sensor, radii_m, tell
         self.shift = Shift(*frame)
+        self._aim = Aim()
         self._begun = False
         self._settled = 1.0 - elementary.exp(-to_seconds(tick) / own.settle_s) if own.settle_s > 0.0 else 1.0
         self._told_ticks = max(1, round(_TELL_S * S / tick))
@@ -250,6 +276,10 @@ class Localised:
         self._ticks += 1
         return Located.of(shifted(observation, self.shift, scan), odometry)
 
+    def order(self, command: Command | None, observation: Observation) -> Command | None:
+        """Return the order to the body, in the robot's own frame, by the present estimate."""
+        return self._aim.order(command, observation, self.shift)
+
     def _settle(self, odometry: Pose, found: Pose) -> None:
         """Move the shift towards the one that takes the odometry's pose to the pose *found*."""
         x, y, heading = self.shift.pose(odometry)
@@ -257,6 +287,37 @@ class Localised:
         # a jump would look like motion to the driver, so small corrections are spread over time
         part = 1.0 if math.hypot(dx, dy) > self._own.jump_m else self._settled
         self.shift = Shift.between(odometry, (x + part * dx, y + part * dy, heading + part * turn))
+
+
+def check_positioning(parameters: PositioningParameters, surroundings: Surroundings) -> None:
+    """Raise UserError if the team has no sensor for what its positioning asks."""
+    if parameters.kind == "mcl" and not surroundings.beams:
+        raise UserError("protocol.parameters.positioning.kind: 'mcl' needs a range scanner")
+
+
+def positioning_of(
+    parameters: PositioningParameters,
+    maps: KnownMaps,
+    robot: Address,
+    cell_m: float,
+    sensor: Sensor,
+    stream: np.random.Generator,
+    tell: Tell = lambda event: None,
+) -> Positioning:
+    """Return what locates a robot, on the map with cells of *cell_m* if it localises.
+
+    Only a filter and a noisy sensor draw from *stream*; *tell* takes the ``EVENTS`` of a filter. Raise UserError if the
+    robot can stand nowhere on that map.
+    """
+    own, around = parameters, maps.surroundings
+    frame = around.frames[robot] if around.frames else (0.0, 0.0, 0.0)
+    if own.kind == "given":
+        return Given(sensor, frame, stream, around.odometry_errs)
+    radii_m = around.radii_m or (around.radius_m,) * len(around.starts_m)
+    # the filter expects no more than the robot's own sensor can see
+    reach = {"range_m": min(sensor.range_m, around.scan_range_m)}
+    own = own.model_copy(update={"filter": own.filter.model_copy(update=reach)})
+    return Localised(own, maps.known(cell_m, radii_m[robot]), sensor, frame, radii_m, around.tick, stream, tell)
 
 
 def shifted(observation: Observation, shift: Shift, scan: Scan | None) -> Observation:
