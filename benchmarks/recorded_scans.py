@@ -10,11 +10,11 @@ import argparse
 import json
 import math
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from types import SimpleNamespace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -41,10 +41,26 @@ LONGEST_S = 900.0
 KEY_WAY_M = 0.2
 KEY_TURN_RAD = math.radians(10.0)
 """Karto's mapper takes a scan after so much way or turn."""
+RANGES_M = (2.5, 8.0)
+KARTO = {
+    "Karto, package": {},
+    "Karto, mapper": {
+        "distance_variance_penalty": 0.3**2,
+        "angle_variance_penalty": math.radians(20.0) ** 2,
+        "minimum_distance_penalty": 0.5,
+        "use_response_expansion": False,
+    },
+}
+"""Settings of the matcher other than the package's: the second has those of OpenKarto's own mapper (Mapper.cpp)."""
+HEAD = ("scans reach", "compared", "rms, m", "greatest, m", "nearer than odometry")
 PEER = Path(__file__).parent / "peers" / "karto_scans.py"
 SHEET = FLOORS.parent / "exploration_localization" / "sweep.yaml"
 PAGE = SHEET.parent / "README.md"
 BEGIN = "<!-- written by python -m benchmarks.recorded_scans --write -->"
+
+
+Errors: TypeAlias = dict[str, tuple[float, float]]
+"""Root mean square and greatest error of the place (m), by what is compared."""
 
 
 class Recording(NamedTuple):
@@ -131,7 +147,7 @@ def keys(told: Floats) -> list[int]:
     return taken
 
 
-def by_karto(recording: Recording, range_m: float, python: str) -> Floats:
+def by_karto(recording: Recording, range_m: float, settings: Mapping[str, object], python: str) -> Floats:
     """Return where Karto's matcher finds the robot (n, 3), tick by tick.
 
     Raise CalledProcessError if its program fails.
@@ -139,7 +155,7 @@ def by_karto(recording: Recording, range_m: float, python: str) -> Floats:
     taken = keys(recording.told)
     # beams are told in odometry's frame: that is the body whose pose is asked for
     scans = [((*recording.told[k, :2].tolist(), 0.0), recording.ranges_m[k].tolist()) for k in taken]
-    given = json.dumps({"range_m": range_m, "scans": scans})
+    given = json.dumps({"range_m": range_m, "settings": settings, "scans": scans})
     said = subprocess.run([python, str(PEER)], input=given, capture_output=True, text=True, check=True).stdout
     return carried_on(recording.told, taken, json.loads(said))
 
@@ -171,11 +187,11 @@ def _pose(row: Floats) -> Pose:
 # ---------------------------------------------------------------- the table
 
 
-def compared(true: Floats, here: Floor, seed: int, karto: str | None) -> dict[str, tuple[float, float]]:
-    """Return the errors of all that is compared, by name, with the records of a *seed*."""
-    senses = SenseSettings.model_validate(sheet()["team"]["senses"])
+def compared(true: Floats, here: Floor, range_m: float, seed: int, karto: str | None) -> Errors:
+    """Return the errors of all that is compared, by name, with scans that reach *range_m*, of a *seed*."""
+    senses = SenseSettings.model_validate(sheet()["team"]["senses"] | {"beam_range_m": range_m})
     recording = recorded(true, here.walls, senses, seed)
-    own = sheet()["protocol"]["parameters"]["positioning"]["filter"] | {"range_m": senses.beam_range_m}
+    own = sheet()["protocol"]["parameters"]["positioning"]["filter"] | {"range_m": range_m}
     same = {"odometry_slip": senses.odometry_slip, "odometry_turn_rad": senses.odometry_turn_rad}
     alphas, of_senses = SlamParameters(**own), SlamParameters(**own, **same, odometry="senses")
     found = {
@@ -184,17 +200,22 @@ def compared(true: Floats, here: Floor, seed: int, karto: str | None) -> dict[st
         "filter, senses": by_filter(recording, here.grid, of_senses, seed),
     }
     if karto is not None:
-        found["Karto"] = by_karto(recording, senses.beam_range_m, karto)
+        found |= {name: by_karto(recording, range_m, settings, karto) for name, settings in KARTO.items()}
     return {name: errors_m(poses, true) for name, poses in found.items()}
 
 
-def rows(told: dict[int, dict[str, tuple[float, float]]]) -> list[list[str]]:
-    """Return the table of the errors *told* by seed: root mean square and greatest, and their medians."""
-    names = list(next(iter(told.values())))
-    table = [["seed", *names]]
-    table += [[f"{seed}", *(f"{rms:.3f}, {most:.2f}" for rms, most in each.values())] for seed, each in told.items()]
-    medians = ([median(each[name][k] for each in told.values()) for k in (0, 1)] for name in names)
-    return [*table, ["median", *(f"{rms:.3f}, {most:.2f}" for rms, most in medians)]]
+def rows(range_m: float, told: Sequence[Errors]) -> Iterator[Sequence[str]]:
+    """Yield the rows of the table for the errors *told*, an item a seed."""
+    for name in told[0]:
+        rms, most = zip(*(each[name] for each in told), strict=True)
+        nearer = sum(each[name][0] < each["odometry"][0] for each in told)
+        share = "" if name == "odometry" else f"{nearer} of {len(told)}"
+        yield f"{range_m:g} m", name, *(spread(each) for each in (rms, most)), share
+
+
+def spread(values: Sequence[float]) -> str:
+    """Return the median of *values*, the least and the greatest."""
+    return f"{median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 
 def main() -> None:
@@ -207,14 +228,18 @@ def main() -> None:
     asked = parser.parse_args()
     here, true = floor(), drive(FIRST_SEED, asked.longest)
     way_m = float(np.hypot(*np.diff(true[:, :2], axis=0).T).sum())
-    said = f"{len(true)} ticks, {way_m:.0f} m; root mean square and greatest error of the place, m."
-    told = {}
-    for seed in range(FIRST_SEED, FIRST_SEED + asked.seeds):
-        told[seed] = compared(true, here, seed, asked.karto)
-        print(seed, told[seed], flush=True)
-    print(said, *aligned(rows(told)), sep="\n")
+    said = f"Seeds {FIRST_SEED} to {FIRST_SEED + asked.seeds - 1}, {len(true)} ticks, {way_m:.0f} m. Medians, least and greatest."
+    table: list[Sequence[str]] = [HEAD]
+    for range_m in RANGES_M:
+        told = []
+        for seed in range(FIRST_SEED, FIRST_SEED + asked.seeds):
+            told.append(compared(true, here, range_m, seed, asked.karto))
+            each = (f"{name} {rms:.3f} {most:.3f}" for name, (rms, most) in told[-1].items())
+            print(f"{range_m:g} m", seed, *each, sep="; ", flush=True)
+        table += rows(range_m, told)
+    print(said, *aligned(table), sep="\n")
     if asked.write:
-        PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), BEGIN, [said], rows(told)), encoding="utf-8")
+        PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), BEGIN, [said], table), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """OpenKarto's scan matcher on recorded scans, for ``benchmarks.recorded_scans``: karto-scanmatcher 1.0.0.
 
-It reads one JSON object: the scanner's range and the scans, each a pose (x, y, turn) by odometry and the ranges of a
-ring of beams; it writes the poses that the matcher finds. Each scan is matched with those before it that were taken
+It reads one JSON object: the scanner's range, settings other than the package's defaults, and the scans, each a pose
+(x, y, turn) by odometry and the ranges of a ring of beams; it writes the poses that the matcher finds. Each scan is matched with those before it that were taken
 within the scanner's range of where odometry, from the last pose found, puts it; and stays where it was found.
 """
 
@@ -28,11 +28,17 @@ def scanner(beams, range_m):
     return LaserScanConfig(0.0, math.tau - step, step, 0.0, range_m, range_m, "ring")
 
 
-def matched(scans, range_m):
+def matcher_of(settings):
+    """Return a matcher with *settings*, by name, and else the package's defaults."""
+    own = ScanMatcherConfig()
+    for name, value in settings.items():
+        setattr(own, name, value)
+    return Wrapper(own)
+
+
+def matched(scans, range_m, settings):
     """Yield the pose of each scan; the first is where odometry has it."""
-    settings = ScanMatcherConfig()
-    settings.range_threshold = range_m
-    matcher, ring = Wrapper(settings), scanner(len(scans[0][1]), range_m)
+    matcher, ring = matcher_of({"range_threshold": range_m, **settings}), scanner(len(scans[0][1]), range_m)
     taken, found, before = [], scans[0][0], scans[0][0]
     for number, (told, ranges_m) in enumerate(scans):
         found = carried(found, before, told)
@@ -50,4 +56,4 @@ def matched(scans, range_m):
 
 if __name__ == "__main__":
     given = json.load(sys.stdin)
-    json.dump(list(matched(given["scans"], given["range_m"])), sys.stdout)
+    json.dump(list(matched(given["scans"], given["range_m"], given["settings"])), sys.stdout)
