@@ -228,11 +228,14 @@ def main() -> None:
     asked = parser.parse_args()
     here, true = floor(), drive(FIRST_SEED, asked.longest)
     way_m = float(np.hypot(*np.diff(true[:, :2], axis=0).T).sum())
-    said = f"Seeds {FIRST_SEED} to {FIRST_SEED + asked.seeds - 1}, {len(true)} ticks, {way_m:.0f} m. Medians, least and greatest."
+    seeds = range(FIRST_SEED, FIRST_SEED + asked.seeds)
+    said = (
+        f"Seeds {seeds[0]} to {seeds[-1]}, {len(true)} ticks, {way_m:.0f} m; medians of the seeds, least and greatest."
+    )
     table: list[Sequence[str]] = [HEAD]
     for range_m in RANGES_M:
         told = []
-        for seed in range(FIRST_SEED, FIRST_SEED + asked.seeds):
+        for seed in seeds:
             told.append(compared(true, here, range_m, seed, asked.karto))
             each = (f"{name} {rms:.3f} {most:.3f}" for name, (rms, most) in told[-1].items())
             print(f"{range_m:g} m", seed, *each, sep="; ", flush=True)

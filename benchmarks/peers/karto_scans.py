@@ -1,8 +1,9 @@
 """OpenKarto's scan matcher on recorded scans, for ``benchmarks.recorded_scans``: karto-scanmatcher 1.0.0.
 
 It reads one JSON object: the scanner's range, settings other than the package's defaults, and the scans, each a pose
-(x, y, turn) by odometry and the ranges of a ring of beams; it writes the poses that the matcher finds. Each scan is matched with those before it that were taken
-within the scanner's range of where odometry, from the last pose found, puts it; and stays where it was found.
+(x, y, turn) by odometry and the ranges of a ring of beams; it writes the poses that the matcher finds. Each scan is
+matched with those before it that were taken within the scanner's range of where odometry, from the last pose found,
+puts it; and stays where it was found.
 """
 
 import json
