@@ -37,7 +37,7 @@ from protocols.mapping.belief import frame_of
 
 FIRST_SEED = 900301
 SEEDS = 10
-LONGEST_S = 900.0
+LONGEST_S = 300.0
 KEY_WAY_M = 0.2
 KEY_TURN_RAD = math.radians(10.0)
 """Karto's mapper takes a scan after so much way or turn."""
