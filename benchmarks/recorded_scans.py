@@ -36,7 +36,7 @@ from cosim.world.floorplan import FloorplanSettings, load_floorplan
 from protocols.mapping.belief import frame_of
 
 FIRST_SEED = 900301
-SEEDS = 10
+SEEDS = 5
 LONGEST_S = 300.0
 KEY_WAY_M = 0.2
 KEY_TURN_RAD = math.radians(10.0)
