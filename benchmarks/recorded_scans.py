@@ -87,13 +87,15 @@ def sheet() -> dict[str, Any]:
     return scenario
 
 
-def floor() -> Floor:
-    """Return the experiment's floor, and the grid of its robots' maps."""
+def floor(shift_m: float = 0.0) -> Floor:
+    """Return the experiment's floor, and the grid of its robots' maps, shifted by so much in x and y."""
     plan = load_floorplan(FloorplanSettings(map=sheet()["floorplan"]["map"]), SHEET.parent)
     margin_m = sheet()["protocol"]["parameters"]["positioning"]["margin_m"]
     low_x, low_y, high_x, high_y = plan.bounds_m
     frame = frame_of((low_x - margin_m, low_y - margin_m, high_x + margin_m, high_y + margin_m), 0.1)
-    return Floor(segment_grid(plan.walls_m), MapGrid((frame.ny, frame.nx), frame.origin_m, frame.cell_m))
+    x_m, y_m = frame.origin_m
+    grid = MapGrid((frame.ny, frame.nx), (x_m + shift_m, y_m + shift_m), frame.cell_m)
+    return Floor(segment_grid(plan.walls_m), grid)
 
 
 def drive(seed: int, longest_s: float = LONGEST_S) -> Floats:
@@ -223,10 +225,11 @@ def main() -> None:
     parser = argparse.ArgumentParser("python -m benchmarks.recorded_scans", description=__doc__)
     parser.add_argument("--seeds", type=int, default=SEEDS, help="how many")
     parser.add_argument("--longest", type=float, default=LONGEST_S, help="s, the longest drive")
+    parser.add_argument("--shift", type=float, default=0.0, help="m, by which the cells of filters' maps are shifted")
     parser.add_argument("--karto", help="a Python that has karto-scanmatcher")
     parser.add_argument("--write", action="store_true", help=f"keep the table in {PAGE.parent.name}/{PAGE.name}")
     asked = parser.parse_args()
-    here, true = floor(), drive(FIRST_SEED, asked.longest)
+    here, true = floor(asked.shift), drive(FIRST_SEED, asked.longest)
     way_m = float(np.hypot(*np.diff(true[:, :2], axis=0).T).sum())
     seeds = range(FIRST_SEED, FIRST_SEED + asked.seeds)
     said = (
