@@ -2,9 +2,10 @@
 
 Rao-Blackwellised particles with scan matching: Grisetti, Stachniss and Burgard, "Improved techniques for grid mapping
 with Rao-Blackwellized particle filters", IEEE T-RO 23(1), 2007. Each particle is a pose and a map of its own. It moves
-as odometry says, with its own errors (:mod:`cosim.navigation.localization.motion`), is pulled to where the scan fits
-its map best, weighed by how well that is, and marks the scan into its map (:mod:`cosim.geometry.marking`). Particles
-are resampled by weight when the effective sample size 1 / sum w^2 falls below a share of their number (eq. 20).
+as odometry says, with its own errors (:mod:`cosim.navigation.localization.motion`, or tick by tick those of
+:mod:`cosim.navigation.odometry`), is pulled to where the scan fits its map best, weighed by how well that is, and marks
+the scan into its map (:mod:`cosim.geometry.marking`). Particles are resampled by weight when the effective sample size
+1 / sum w^2 falls below a share of their number (eq. 20).
 
 The spread of the particles is the robot's uncertainty. A robot is to slow down or stop where it exceeds a threshold
 (Lau, paper 001, section 5 and figure 5): :func:`share_of_speed`. Where a scan meets nothing, particles keep the errors
@@ -68,6 +69,7 @@ from cosim.navigation.localization.motion import (
     wrapped,
 )
 from cosim.navigation.localization.resampling import low_variance
+from cosim.navigation.odometry import drift_particles
 from cosim.randomness import Draws
 from cosim.settings import Angle, Count, Gain, Metres, Settings
 
@@ -90,7 +92,9 @@ _NO_BODIES: Final = np.empty((0, 3))
 class SlamParameters(Settings):
     """Parameters of the filter. GMapping's are those of its ROS node (slam_gmapping), made for lasers of 80 m.
 
-    The alphas are what the filter reckons with: 5 % of each way and turn, about twice the errors of odometry here.
+    By the alphas the filter reckons with 5 % of each way and turn: over 0.25 m at 0.3 m/s that is twice the heading's
+    errors here and eight times those of the way. By senses it reckons with the errors of
+    :mod:`cosim.navigation.odometry`, which the robots' senses make; three of them have the same names there.
     """
 
     particles: int = Field(default=10, ge=1, le=200, description="particles (GMapping 30)")
@@ -107,6 +111,16 @@ class SlamParameters(Settings):
     step_m: Metres = Field(default=0.05, gt=0, description="m, first step of the climbing (GMapping 0.05)")
     step_rad: Angle = Field(default=0.05, gt=0, description="rad, first turn of the climbing (GMapping 0.05)")
     matching: bool = Field(default=True, description="whether scans pull particles; without they are only weighed")
+    odometry: Literal["alphas", "senses"] = Field(
+        default="alphas", description="errors of odometry that are assumed: normal, of an update; or the senses' own"
+    )
+    odometry_slip: float = Field(default=0.03, ge=0, lt=1, description="senses: share by which a tick's way is wrong")
+    odometry_turn_rad: Angle = Field(
+        default=0.03, ge=0, description="senses: rad, by which a tick's way of one metre turns the heading wrongly"
+    )
+    odometry_way_m: Metres | None = Field(
+        default=None, gt=0, description="senses: m, a tick's way at which odometry errs so; null: at any"
+    )
     alpha1: Gain = Field(default=0.0025, ge=0, description="variance of a turn, per square of the turn")
     alpha2: Gain = Field(default=0.0025, ge=0, description="variance of a turn, rad^2 per square metre of way")
     alpha3: Gain = Field(default=0.0025, ge=0, description="variance of a way, per square of the way")
@@ -178,6 +192,7 @@ class Slam:
         self._frame = np.array([*origin_m, cell_m])
         self._marks = weights.hit, weights.miss, weights.cap
         self._alphas = np.array([own.alpha1, own.alpha2, own.alpha3, own.alpha4])
+        self._errors = np.array([own.odometry_slip, own.odometry_turn_rad, own.odometry_way_m or 0.0])
         # a scan that only weighs is one that cannot pull
         slacks = (own.slack_m, own.slack_rad) if own.matching else (1e-9, 1e-9)
         logs = elementary.log(own.stray), elementary.log(own.news)
@@ -199,6 +214,8 @@ class Slam:
         """Number of resamplings."""
         self._odometry: Pose | None = None  # at the last update
         self._ticks = 0  # since then
+        self._told: Pose | None = None  # odometry at the last tick
+        self._drifts = 0  # ticks for which particles have drifted
         self._mean = self._estimated()
 
     @property
@@ -228,6 +245,7 @@ class Slam:
         ranges = np.ascontiguousarray(ranges_m, np.float64)
         if ranges.shape != (len(self._beams),):
             raise ValueError(f"the scan has the shape {ranges.shape}, but there are {len(self._beams)} beams")
+        self._drift(odometry)
         before = odometry if self._odometry is None else self._odometry
         motion = odometry_motion(before, odometry)
         turn = abs(math.remainder(odometry[2] - before[2], _TURN))
@@ -241,10 +259,18 @@ class Slam:
         ):
             x, y, heading = carried(self._mean[:3], before, odometry)
             return self._mean._replace(x_m=x, y_m=y, heading_rad=heading)
-        move_particles(self.poses, *motion, self._alphas, self.updates, *self._key)
+        if own.odometry == "alphas":
+            move_particles(self.poses, *motion, self._alphas, self.updates, *self._key)
         self._update(ranges, self._turned(odometry[2]))
         self._odometry, self._ticks = odometry, 0
         return self._mean
+
+    def _drift(self, odometry: Pose) -> None:
+        """Move the particles by a tick if they err as the senses do, tick by tick."""
+        if self._own.odometry == "senses" and self._told is not None:
+            drift_particles(self.poses, self._told, odometry, self._errors, self._drifts, *self._key)
+            self._drifts += 1
+        self._told = odometry
 
     def _update(self, ranges: Floats, beams: Floats) -> None:
         """Match, weigh, estimate, mark and resample; *beams* (n, 2) are in the body's frame."""

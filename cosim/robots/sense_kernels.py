@@ -12,6 +12,7 @@ import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s, Int64s
 from cosim.geometry.segments import SegmentGrid, beams_between, in_sight, scan_walls, unpacked
 from cosim.jit import njit
+from cosim.navigation.odometry import tick_errors
 from cosim.randomness import philox_words
 
 Room: TypeAlias = tuple[Floats, Floats, Floats, Int32s]
@@ -73,12 +74,10 @@ def locate(poses: Floats, limits: Floats, rows: Floats, tick: int, moved: bool) 
             dx, dy = x - pose[X], y - pose[Y]
             way = math.sqrt(dx * dx + dy * dy)
             slip, turn = _uniform(limits, tick, i, _DRIFT_PURPOSE)
-            more = way / limits[ERRS_AT] if limits[ERRS_AT] > 0.0 else 1.0
-            # with the root, what adds up over a metre has the same spread whatever the ticks
-            error = more * limits[TURN] * turn * math.sqrt(way)
+            share, error = tick_errors(way, limits[SLIP], limits[TURN], limits[ERRS_AT], slip, turn)
             angle = pose[OWN_HEADING] - pose[HEADING] + error
             cos, sin = elementary.cos(angle), elementary.sin(angle)
-            stretch = 1.0 + more * limits[SLIP] * slip
+            stretch = 1.0 + share
             pose[OWN_X] += stretch * (cos * dx - sin * dy)
             pose[OWN_Y] += stretch * (sin * dx + cos * dy)
             pose[OWN_HEADING] = _wrapped(heading + angle)

@@ -27,8 +27,8 @@ Pose: TypeAlias = tuple[float, float, float]
 """x_m, y_m, heading_rad."""
 Quad: TypeAlias = tuple[float, float, float, float]
 
-SCATTER, MOVE, PICK, CHANCE, PLACE = range(1, 6)
-"""Purposes of draws: a start, a motion, resampling, whether a pose is injected, and where."""
+SCATTER, MOVE, PICK, CHANCE, PLACE, DRIFT = range(1, 7)
+"""Purposes of draws: a start, a motion, resampling, whether a pose is injected and where, and the motion of a tick."""
 
 _NO_WAY_M: Final = 0.01
 _TURN: Final = 2.0 * math.pi
