@@ -74,7 +74,8 @@ class _Slots(dict[int, str]):
         return list(map(self.__getitem__, packed.tolist()))
 
     def __missing__(self, packed: int) -> str:
-        words = self[packed] = "slots={} of={} cw={}".format(*unpacked_slots(packed)) if packed else ""
+        left, drawn, window = unpacked_slots(packed)
+        words = self[packed] = f"slots={left} of={drawn} cw={window}" if packed else ""
         return words
 
 
