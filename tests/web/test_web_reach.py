@@ -9,13 +9,13 @@ import pytest
 from cosim.web.server import VIEW
 from tests.protocols.deployment.operator.page.consoles import Consoles, Still
 from tests.protocols.deployment.operator.page.hand import PAGE, choose, playing, ready, tailoring, until
+from tests.tiers import each_value
 from tests.web.browser import GRAVE, LABELS, Browser, axe, tab
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow
 
 LAPTOP, PHONE = (1280, 720), (390, 844)
-SIZES = pytest.mark.parametrize("size", [LAPTOP, PHONE], ids=["laptop", "phone"])
 PAGES = pytest.mark.parametrize("name", [VIEW, PAGE])
 
 
@@ -45,8 +45,7 @@ def opened(browser: Browser, still: Still, name: str, size: tuple[int, int]) -> 
 # ---------------------------------------------------------------- what a screen reader is told
 
 
-@SIZES
-@PAGES
+@pytest.mark.parametrize(("name", "size"), each_value([VIEW, PAGE], [LAPTOP, PHONE]))
 def test_axe_finds_nothing(opened: Any, name: str, size: tuple[int, int], consoles: Consoles):
     opened.evaluate(axe())
     assert opened.evaluate(GRAVE) == []
