@@ -33,7 +33,8 @@ class Reproduction:
     def __init__(self, names: Sequence[str], folder: Path, quick: bool, jobs: int | None) -> None:
         """Choose the experiments *names*, or all that are installed; raise UserError for one that is none."""
         paths = [find_experiment(name) for name in names]
-        chosen = {path.resolve().parent.name: path for path in paths}
+        installed = {folder.resolve(): name for name, folder in experiment_folders().items()}
+        chosen = {installed.get(at := path.resolve().parent, at.name): path for path in paths}
         if len(chosen) < len(set(paths)):
             raise UserError(f"{', '.join(map(str, paths))}: expected experiments in folders of different names")
         if not names:

@@ -14,7 +14,8 @@ from tests.checkout import EXPERIMENTS, ROOT
 from tests.report.sheets import written
 
 DOCUMENT = ROOT / "docs" / "claims.md"
-OURS = {path.parent.name: path.parent for path in EXPERIMENTS.glob("*/sweep.yaml")}
+SHEETS = [path.parent for path in EXPERIMENTS.glob("**/sweep.yaml")]
+OURS = {"_".join(folder.relative_to(EXPERIMENTS).parts): folder for folder in SHEETS}
 VERDICTS = "id,verdict,ours,replicates,code\nfirst,fails,5,3,c\nsecond,holds,3.5,3,c\n"
 VARIATIONS = "sheet,variation,id,verdict,ours,replicates,code\n"
 DECIDES = "id,decides,left\nfirst,reading,asked of all rounds\n"

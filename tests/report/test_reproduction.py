@@ -15,7 +15,7 @@ from cosim.report.claims import published_claims
 from cosim.report.kept import kept_verdicts
 from cosim.report.page import VERDICTS
 from cosim.report.reproduction import Reproduction
-from tests.checkout import DATA
+from tests.checkout import DATA, EXPERIMENTS
 from tests.report.sheets import CLAIMS, written
 
 
@@ -35,12 +35,12 @@ def index(folder: Path) -> list[dict[str, str]]:
 
 
 def test_every_row_of_every_published_csv_is_in_the_index(tmp_path: Path):
-    there = []
-    for name, at in experiment_folders().items():
-        if (at / "published.csv").is_file():
-            with (at / "published.csv").open(encoding="utf-8", newline="") as file:
-                there += [(name, row["paper"], row["section"], row["id"], row["claim"]) for row in csv.DictReader(file)]
-    assert len(there) > 700
+    there, names = [], {folder.resolve(): name for name, folder in experiment_folders().items()}
+    for path in EXPERIMENTS.glob("**/published.csv"):
+        with path.open(encoding="utf-8", newline="") as file:
+            name = names[path.parent.resolve()]
+            there += [(name, row["paper"], row["section"], row["id"], row["claim"]) for row in csv.DictReader(file)]
+    assert len(there) > 800
     found = Reproduction((), tmp_path, True, 1)
     found.write_index()
     columns = ("experiment", "paper", "section", "id", "claim")
@@ -120,6 +120,11 @@ def test_what_is_wrong_with_the_words_is_told_before_anything_runs(cosim: Any, f
     ended = cosim("reproduce", "sound", "--quick", "--keep")
     assert (ended.code, ended.err) == (2, "--keep: keeps the verdicts of whole sheets, expected no --quick beside it\n")
     assert not (folder / "results").exists()
+
+
+@pytest.mark.parametrize("text", ["gain_tuning_constrained", str(EXPERIMENTS / "gain_tuning" / "constrained")])
+def test_an_experiment_in_the_folder_of_another_has_the_name_that_it_is_installed_by(text: str, tmp_path: Path):
+    assert [*Reproduction([text], tmp_path, True, 1).tried] == ["gain_tuning_constrained"]
 
 
 def test_experiments_whose_folders_have_one_name_are_refused(cosim: Any, folder: Path):
