@@ -41,7 +41,7 @@ test: $(STAMP)
 fast: $(STAMP)
 	$(BIN)/python -m pytest -m 'not slow and not soak'
 
-# the long random campaigns, in full or (SOAK_SHARE=0.01) a seeded part of each
+# the long random campaigns, in full or (SOAK_SHARE=0.02) a seeded part of each
 soak: $(STAMP)
 	SOAK_SHARE=$(SOAK_SHARE) $(BIN)/python -m pytest -m soak -rP
 

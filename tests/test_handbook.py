@@ -117,7 +117,7 @@ def test_the_page_on_validation_has_the_numbers_of_cases_and_rows() -> None:
         with (ROOT / "experiments" / name / "published.csv").open(encoding="utf-8") as lines:
             assert int(count) == sum(1 for _ in csv.DictReader(lines)), name
     for name, counts in re.findall(r"\| (\d+), 10 000 \| `(\S+)`", page):
-        assert f"\nCOMPARED = {name}\n" in (ROOT / counts).read_text(encoding="utf-8")
+        assert f"\nDEFAULT = {name}\n" in (ROOT / counts).read_text(encoding="utf-8")
     assert f"| {len(BAND_FAULTS) + len(ROOM_FAULTS)} errors planted in" in page
 
 

@@ -19,7 +19,6 @@ from cosim.web.messages import Plain, Seek, Speed, Step
 from cosim.web.recorded import Recorded
 from cosim.web.scenes import scene_of, write_scene
 from cosim.web.spans import FiledSpans, Spans
-from tests.tiers import SOAK_SHARE
 from tests.web.browser import Browser, tab
 from tests.web.served import Served
 
@@ -225,18 +224,12 @@ def test_the_last_interval_is_over_when_it_ends_before_the_run_does(folder: Path
     assert [[state for state, *_ in rows] for rows in told] == [["crashed"], ["crashed"], [], []]
 
 
-WHOLE = [pytest.mark.soak, pytest.mark.skipif(SOAK_SHARE < 1, reason="what is sent is compared above, all of it")]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("step", [4, pytest.param(1, marks=WHOLE)])
-def test_the_page_draws_after_a_seek_what_the_tables_say(
-    browser: Browser, folder: Path, frames: pd.DataFrame, step: int
-):
+def test_the_page_draws_after_a_seek_what_the_tables_say(browser: Browser, folder: Path, frames: pd.DataFrame):
     session = Recorded(folder, playing=False)
     served = Served(session)
     with tab(browser, served) as page:
-        for time in moments(frames)[::step]:
+        for time in moments(frames):
             session.wish(Seek(say="seek", time_s=time / S))
             page.wait_for_function("time_s => cosim.seen().time_s === time_s", arg=time / S)
             page.evaluate("() => new Promise(requestAnimationFrame)")

@@ -24,7 +24,7 @@ COMPARISONS = {
 
 
 FAULTS = [*BAND_FAULTS, *ROOM_FAULTS, *INTERVAL_FAULTS]
-OFTEN = FAULTS[::8]
+OFTEN = FAULTS[::4]
 SELDOM = [fault for fault in FAULTS if fault not in OFTEN]
 TIERS = [*((fault, pytest.mark.slow) for fault in OFTEN), *((fault, pytest.mark.soak) for fault in SELDOM)]
 

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import islice
 from typing import Literal, NamedTuple
 
 import pytest
@@ -242,9 +241,6 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
 
 
 DEFAULT = 400
-"""Cases among which planted faults are looked for."""
-COMPARED = 160
-"""Of these, those in which every outcome occurs; the soak draws ten thousand others."""
 
 
 @cache
@@ -269,11 +265,11 @@ def test_inquiry_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -
 @pytest.mark.slow
 def test_inquiry_equals_the_oracle_and_every_outcome_occurs() -> None:
     seen: Counter[str] = Counter()
-    for case, slow in islice(default_cases(), COMPARED):
+    for case, slow in default_cases():
         assert run_channel(case) == slow, case
         seen.update(f"{row.kind} {row.outcome}" for row in slow.frames)
     fates = ("received", "out_of_range", "not_tuned", "busy", "collided")
-    assert all(seen[kind] >= 2 for kind in ("ID received", *(f"FHS {fate}" for fate in fates))), seen
+    assert all(seen[kind] >= 5 for kind in ("ID received", *(f"FHS {fate}" for fate in fates))), seen
 
 
 @pytest.mark.soak

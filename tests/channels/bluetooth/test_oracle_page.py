@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import islice
 from typing import Literal
 
 import pytest
@@ -177,9 +176,6 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
 
 
 DEFAULT = 400
-"""Cases among which planted faults are looked for."""
-COMPARED = 120
-"""Of these, those in which every outcome occurs; the soak draws ten thousand others."""
 
 
 @cache
@@ -204,14 +200,14 @@ def test_page_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -> N
 @pytest.mark.slow
 def test_page_equals_the_oracle_and_every_outcome_occurs() -> None:
     seen: Counter[str] = Counter()
-    for case, slow in islice(default_cases(), COMPARED):
+    for case, slow in default_cases():
         assert run_channel(case) == slow, case
         seen.update(f"{row.kind} {row.outcome}" for row in slow.frames)
         seen.update({row[2]: 1 for row in slow.news})
     lost = [f"{kind} out_of_range" for kind in ("ID", "FHS", "POLL", "NULL")]
     taken = [f"{kind} received" for kind in ("ID", "FHS", "POLL", "NULL")]
     others = ["FHS not_tuned", "FHS collided", "ID collided", "slave", "master", "page failed"]
-    assert all(seen[what] >= 2 for what in (*lost, *taken, *others)), seen
+    assert all(seen[what] >= 5 for what in (*lost, *taken, *others)), seen
 
 
 @pytest.mark.soak

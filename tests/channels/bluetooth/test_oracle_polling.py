@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache, partial
-from itertools import islice
 
 import pytest
 from hypothesis import given, settings
@@ -128,9 +127,6 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
 
 
 DEFAULT = 300
-"""Cases among which planted faults are looked for."""
-COMPARED = 100
-"""Of these, those in which every outcome occurs; the soak draws ten thousand others."""
 
 
 @cache
@@ -155,7 +151,7 @@ def test_polling_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -
 @pytest.mark.slow
 def test_polling_equals_the_oracle_and_every_outcome_occurs() -> None:
     seen: Counter[str] = Counter()
-    for case, slow in islice(default_cases(), COMPARED):
+    for case, slow in default_cases():
         assert run_channel(case) == slow, case
         seen.update(row.outcome for row in slow.frames)
         seen.update(row.kind for row in slow.frames)
@@ -163,7 +159,7 @@ def test_polling_equals_the_oracle_and_every_outcome_occurs() -> None:
         seen.update("lost by the master" if owner == MASTER else "lost by a slave" for _, owner, _ in slow.losses)
     outcomes = ("received", "out_of_range", "delivered", "sent", "flushed", "no_link", "too_long")
     others = ("POLL", "NULL", *KINDS, "lost by the master", "lost by a slave")
-    assert all(seen[what] >= 2 for what in (*outcomes, *others)), seen
+    assert all(seen[what] >= 5 for what in (*outcomes, *others)), seen
     assert seen["not_tuned"], seen
 
 

@@ -100,12 +100,12 @@ HEARD = ("header", "payload")
 @pytest.mark.slow
 def test_transmissions_receptions_and_trains_equal_the_oracle() -> None:
     seen: Counter[str] = Counter()
-    campaigns = ((test_oracle_band, 80), (test_oracle_inquiry, 20), (test_oracle_page, 20))
-    for case, _ in chain.from_iterable(islice(each.default_cases(), count) for each, count in campaigns):
+    campaigns = (test_oracle_band, test_oracle_inquiry, test_oracle_page)
+    for case, _ in chain.from_iterable(islice(each.default_cases(), 150) for each in campaigns):
         seen += compare(case)
     outcomes = ("received", "not_tuned", "collided", "bit_errors", "out_of_range")
     wanted = ("ratio", "no ratio", "no power", "again", "IDs", "idle: True", *(f"{each}, power" for each in outcomes))
-    assert all(seen[what] >= 10 for what in wanted), seen
+    assert all(seen[what] >= 20 for what in wanted), seen
 
 
 @pytest.mark.soak
