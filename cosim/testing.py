@@ -104,10 +104,10 @@ def check_machine(
     _compare("own frames that come back change nothing", plain, drill.run(echo=True), repr)
     _compare("a later start makes all deadlines later by as much", plain, drill.run(start=SHIFT), _outline)
     payloads = list(dict.fromkeys(chain.from_iterable(watched.payloads for watched in plain)))
-    for machines in (drill.fresh(), drill.run()):
+    for machines in (drill.fresh(), drill.again(plain, duration)):
         _check_bytes(machines, payloads, Streams(seed)("check_machine"))
     for kind in range(len(_inputs(1, starts_m[0]))):
-        for machines in (drill.fresh(), drill.run(until=duration // 10), drill.run()):
+        for machines in (drill.fresh(), drill.again(plain, duration // 10), drill.again(plain, duration)):
             _check_input(machines, kind, starts_m)
 
 
@@ -121,6 +121,8 @@ class _Watched:
         self.address = address
         self.now = start
         self.log: list[Entry] = []
+        self.calls: list[tuple[Time, str, tuple[Any, ...]]] = []
+        """What the node has called: when, and with which arguments."""
         self.payloads: list[bytes] = []
         self._drill = drill
         self._start = start
@@ -140,22 +142,22 @@ class _Watched:
         raise LocalProtocolError("only the machine itself knows when it has finished")
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        self._begin(now)
+        self._begin("receive", data, reception, now)
         before = self.machine.wake_at()
         self._check(self.machine.receive(data, reception, now), before)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        self._begin(now)
+        self._begin("link", event, now)
         before = self.machine.wake_at()
         self._check(self.machine.link(event, now), before)
 
     def observe(self, observation: Observation, now: Time) -> None:
-        self._begin(now)
+        self._begin("observe", observation, now)
         before = self.machine.wake_at()
         self._check(self.machine.observe(observation, now), before)
 
     def wake(self, now: Time) -> None:
-        self._begin(now)
+        self._begin("wake", now)
         self.machine.wake(now)
         self._idle = False
         deadline = self.machine.wake_at()
@@ -187,10 +189,16 @@ class _Watched:
         self.commands()
         return self.events()
 
-    def _begin(self, now: Time) -> None:
+    def resume(self, now: Time) -> None:
+        """Go on at *now*, when all that has come of the machine's inputs is drained."""
+        self.now = now
+        self._full.clear()
+
+    def _begin(self, name: str, *arguments: Any) -> None:
         if not self._full:
             self._idle = True
-        self.now = now
+        self.now = arguments[-1]
+        self.calls.append((self.now, name, arguments))
         self._full = set(QUEUES)
 
     def _check(self, came: bool | None, before: Time | None) -> None:
@@ -201,6 +209,7 @@ class _Watched:
             raise LawError(f"machine {self.address}: nothing came of an input, but wake_at() was {before}, now {after}")
 
     def _drain(self, name: str, queue: Callable[[], list[Any]]) -> list[Any]:
+        self.calls.append((self.now, name, ()))
         items = list(queue())
         again = queue()
         if again:
@@ -261,10 +270,22 @@ class _Drill:
         """Return machines that nothing has happened to yet."""
         return [_Watched(self, self.make(address, 0), address, 0) for address in range(len(self.starts_m))]
 
-    def run(
-        self, start: Time = 0, until: Time | None = None, twice: bool = False, echo: bool = False
-    ) -> list[_Watched]:
-        """Drive a team from *start* for *until* (or the whole duration) and return its machines."""
+    def again(self, driven: list[_Watched], until: Time) -> list[_Watched]:
+        """Return new machines, each brought to where that of *driven* was at *until*, by the same calls.
+
+        As equal inputs give equal outputs, that is what a drive would give, at the cost of the machines alone.
+        """
+        machines = self.fresh()
+        for watched, before in zip(machines, driven, strict=True):
+            for time, name, arguments in before.calls:
+                if time >= until:
+                    break
+                getattr(watched.machine, name)(*arguments)
+            watched.resume(until)
+        return machines
+
+    def run(self, start: Time = 0, twice: bool = False, echo: bool = False) -> list[_Watched]:
+        """Drive a team from *start* for the whole duration and return its machines."""
         kernel = Kernel()
         kernel.run(start)
         trace = Trace()
@@ -277,7 +298,7 @@ class _Drill:
             channel.attach(node.address, node)
         with _nothing_raised("a drive as in a run"):
             kernel.at(start, _Floor(kernel, nodes, self.starts_m, self.tick).begin, WORLD)
-            kernel.run(start + (self.duration if until is None else until))
+            kernel.run(start + self.duration)
         for watched in machines:
             watched.now = kernel.now
         return machines
