@@ -2,6 +2,7 @@
 
 What a device is found in at two looks after each other it has been in all the time between; equal neighbours make one
 row. An event in which something is sent, or an ID is to be, changes what its own device does, any other what all do.
+What links make of a device does not change with its clock, so that no tick but only an event is a reason to look at it.
 """
 
 from collections.abc import Iterator
@@ -39,6 +40,9 @@ class Watched:
     """When the *tick* of its clock is over."""
     again: int = 0
     """When to look again."""
+    concerned: bool = True
+    """Whether there has been an event since the last look."""
+    of_links: list[Doing | None] = field(default_factory=list)
     found: list[Doing | None] = field(default_factory=list)
     since: dict[Doing, int] = field(default_factory=dict)
     """When what is still going on has begun."""
@@ -63,7 +67,7 @@ class Diary(Watcher):
         """Let those whom an event may have changed be looked at when all that happens now has happened."""
         own = phase in (SEARCH, AIR)
         for watched in [self.watched[order]] if own else self.watched:
-            watched.again = self.stage.now
+            watched.again, watched.concerned = self.stage.now, True
 
     def nothing_until(self, time: int) -> None:
         """Look at all at whom it is time to look before *time*."""
@@ -81,7 +85,9 @@ class Diary(Watcher):
         for time in turns(device):
             if now < time < watched.again:
                 watched.again = time
-        found = all_of(self.stage, device, now, watched.tick)
+        if device.links and (watched.concerned or now == device.absent_until):
+            watched.of_links, watched.concerned = links(self.stage, device, now), False
+        found = searches(device, now, watched.tick) + watched.of_links
         if found != watched.found:
             watched.found = found
             self.note(watched, {doing for doing in found if doing is not None}, now)
@@ -104,27 +110,29 @@ class Diary(Watcher):
 
 
 def turns(device: Device) -> list[int]:
-    """Return instants at which something begins or ends without an event."""
+    """Return instants at which something begins or ends without an event; not of scans that are off."""
     scanner, paged = device.inquiry_scan, device.page_scan
     times = [device.absent_until]
-    if scanner is not None:
+    if scanner is not None and scanner.off is None:
         times += [scanner.begin] if scanner.limit is None else [scanner.begin, scanner.limit]
-    if paged is not None:
+    if paged is not None and paged.off is None:
         times += [paged.begin, paged.limit]
     return times
 
 
-def all_of(stage: Stage, device: Device, now: int, tick: int) -> list[Doing | None]:
-    """Return all that *device* does now, in a *tick* of its clock; None is nothing."""
-    found = [
+def searches(device: Device, now: int, tick: int) -> list[Doing | None]:
+    """Return what *device* does now, in a *tick* of its clock, to be found or to find; None is nothing."""
+    return [
         inquiry_scan(device.inquiry_scan, now, tick),
         page_scan(device.page_scan, now, tick),
-        search(device.procedure, tick),
+        procedure(device.procedure, tick),
     ]
-    if links := device.alive():
-        found += [membership(link, device.address) for link in links]
-        found += absences(stage, device, links, now)
-    return found
+
+
+def links(stage: Stage, device: Device, now: int) -> list[Doing | None]:
+    """Return what *device* is now because of its links."""
+    alive = device.alive()
+    return [*(membership(link, device.address) for link in alive), *absences(stage, device, alive, now)]
 
 
 def membership(link: Link, address: int) -> Doing:
@@ -138,13 +146,13 @@ def member(role: str, peer_role: str, peer: int, lt_addr: int) -> Doing:
     return role, f"{peer_role}={peer} lt_addr={lt_addr}"
 
 
-def absences(stage: Stage, device: Device, links: list[Link], now: int) -> Iterator[Doing]:
+def absences(stage: Stage, device: Device, alive: list[Link], now: int) -> Iterator[Doing]:
     """Return of which piconets *device* is a member without being there, or being there in parts of the time only."""
     share, leaves = device.share, device.procedure is not None or now < device.absent_until
-    latest = max(links, key=lambda link: link.side(device.address).up)
-    for master in {link.master for link in links}:
+    latest = max(alive, key=lambda link: link.side(device.address).up, default=None)
+    for master in {link.master for link in alive}:
         part = next((part for part in share.parts if part[0] == master), None) if share else None
-        if leaves or (part is None if share else latest.master != master):
+        if leaves or (part is None if share else latest is not None and latest.master != master):
             yield away(master)
         elif share is not None and part is not None:
             body = stage.devices[share.reference].body
@@ -194,30 +202,30 @@ def window(state: str, windows: Windows, tick: int) -> Doing | None:
     return None
 
 
-def search(procedure: Inquiry | Page | None, tick: int) -> Doing | None:
+def procedure(what: Inquiry | Page | None, tick: int) -> Doing | None:
     """Return what a procedure does in a *tick* of the clock of its device."""
-    if procedure is None or procedure.ended or tick < procedure.first:
+    if what is None or what.ended or tick < what.first:
         return None
-    return inquiry(procedure, tick) if isinstance(procedure, Inquiry) else page(procedure, tick)
+    return inquiry(what, tick) if isinstance(what, Inquiry) else page(what, tick)
 
 
-def inquiry(procedure: Inquiry, tick: int) -> Doing | None:
-    body, scene = procedure.device.body, procedure.stage.scene
-    if tick >= procedure.last:
+def inquiry(what: Inquiry, tick: int) -> Doing | None:
+    body, scene = what.device.body, what.stage.scene
+    if tick >= what.last:
         return None
-    turn = (tick - procedure.first) // (32 * scene.n_inquiry)
+    turn = (tick - what.first) // (32 * scene.n_inquiry)
     return train("inquiry", "", letter(scene.first_train, turn % 2 == 1), GIAC, body.phase, body.ppm, 0)
 
 
-def page(procedure: Page, tick: int) -> Doing | None:
-    body, peer = procedure.device.body, procedure.peer
-    if not procedure.paging:
+def page(what: Page, tick: int) -> Doing | None:
+    body, peer = what.device.body, what.peer
+    if not what.paging:
         return "page_response", f"peer={peer.address} role=master"
-    if tick >= procedure.give_up:
+    if tick >= what.give_up:
         return None
-    turn = (tick - procedure.first) // (32 * procedure.stage.scene.repetitions)
+    turn = (tick - what.first) // (32 * what.stage.scene.repetitions)
     who, word = f"peer={peer.address} ", peer.body.word
-    return train("page", who, letter("A", turn % 2 == 1), word, body.phase, body.ppm, procedure.offset)
+    return train("page", who, letter("A", turn % 2 == 1), word, body.phase, body.ppm, what.offset)
 
 
 @lru_cache

@@ -10,7 +10,8 @@ from tests.oracles import band_corners
 from tests.oracles.band import live
 from tests.oracles.band_air import Jammer, Matrix, Mode, Radio
 from tests.oracles.band_scene import ALL, Body, Book, Input, Join, Scene, Seen, Send
-from tests.oracles.medium import SLOT, TICK, US
+from tests.oracles.campaign import Seeded
+from tests.oracles.medium import SLOT, TICK, US, Clock
 
 FIRST = 4_000
 """Both masters' tick at time 0, or nearly."""
@@ -116,6 +117,15 @@ def test_the_section_that_is_hit_first_is_named(at: int, part: str) -> None:
     jammer = Jammer("constant", 1_250_000 + at, 1_250_000 + at + 1, (basic_channel(WORD, FIRST + 4),))
     data = frames(book_of(replace(scene, radio=replace(scene.radio, jammers=(jammer,)))), 0)[0]
     assert (data.kind, data.outcome, data.part) == ("DH1", "collided", part)
+
+
+def test_at_local_is_the_first_instant_of_that_local_time() -> None:
+    choice = Seeded(1)
+    clocks = [Clock(choice.integer(0, TICK << 28), choice.integer(-250, 250)) for _ in range(300)]
+    for clock in [Clock(0), Clock(1, 250), Clock(1, -250), *clocks]:
+        for local in (clock.phase, clock.phase + 1, clock.phase + 4_000, choice.integer(0, TICK << 29)):
+            time = clock.at_local(local)
+            assert clock.local(time - 1) < local <= clock.local(time)
 
 
 def test_jammers_sweep_and_pulse() -> None:
