@@ -41,8 +41,9 @@ class Watched:
     again: int = 0
     """When to look again."""
     concerned: bool = True
-    """Whether there has been an event since the last look."""
+    """Whether there has been an event since the last look that may have changed what it does."""
     of_links: list[Doing | None] = field(default_factory=list)
+    """What it was found in at the last look at its links."""
     found: list[Doing | None] = field(default_factory=list)
     since: dict[Doing, int] = field(default_factory=dict)
     """When what is still going on has begun."""
@@ -132,6 +133,8 @@ def searches(device: Device, now: int, tick: int) -> list[Doing | None]:
 def links(stage: Stage, device: Device, now: int) -> list[Doing | None]:
     """Return what *device* is now because of its links."""
     alive = device.alive()
+    if not alive:
+        return []
     return [*(membership(link, device.address) for link in alive), *absences(stage, device, alive, now)]
 
 
@@ -149,10 +152,10 @@ def member(role: str, peer_role: str, peer: int, lt_addr: int) -> Doing:
 def absences(stage: Stage, device: Device, alive: list[Link], now: int) -> Iterator[Doing]:
     """Return of which piconets *device* is a member without being there, or being there in parts of the time only."""
     share, leaves = device.share, device.procedure is not None or now < device.absent_until
-    latest = max(alive, key=lambda link: link.side(device.address).up, default=None)
+    latest = max(alive, key=lambda link: link.side(device.address).up)
     for master in {link.master for link in alive}:
         part = next((part for part in share.parts if part[0] == master), None) if share else None
-        if leaves or (part is None if share else latest is not None and latest.master != master):
+        if leaves or (part is None if share else latest.master != master):
             yield away(master)
         elif share is not None and part is not None:
             body = stage.devices[share.reference].body
