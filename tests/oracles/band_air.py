@@ -7,6 +7,7 @@ those of the devices.
 
 from bisect import bisect_right
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import chain, takewhile
 from math import inf, log10
 from typing import Literal, NamedTuple
@@ -56,26 +57,27 @@ class Jammer:
     on: int = 1
     period: int = 1
 
-    def is_on(self, channel: int, time: int) -> bool:
-        """Return whether it is on *channel* at the instant *time*."""
-        if channel not in self.channels or not self.start <= time < self.until:
-            return False
+    def at(self, time: int) -> tuple[int, ...]:
+        """Return the channels that it is on at the instant *time*."""
+        if not self.start <= time < self.until:
+            return ()
         since = time - self.start
         if self.mode == "sweeping":
-            return self.channels[since // self.dwell % len(self.channels)] == channel
-        return self.mode == "constant" or since % self.period < self.on
+            return (self.channels[since // self.dwell % len(self.channels)],)
+        return self.channels if self.mode == "constant" or since % self.period < self.on else ()
 
-    def is_on_within(self, channel: int, start: int, end: int) -> bool:
-        """Return whether it is on *channel* at any instant of [start, end).
+    def within(self, start: int, end: int) -> list[int]:
+        """Return the channels that it is on at any instant of [start, end).
 
-        If it is, then at the first instant of that time, or at one at which it comes on the air or changes; and what
-        it does repeats when it has been on each of its channels.
+        If it is on one, then at the first instant of that time, or at one at which it comes on the air or changes; and
+        what it does repeats when it has been on each of its channels.
         """
         length = {"constant": self.until - self.start, "sweeping": self.dwell, "pulsed": self.period}[self.mode]
         first = max(0, (start - self.start) // length)
         turns = range(first, min((end - self.start) // length, first + len(self.channels)) + 2)
         changes = [self.start + turn * length for turn in turns]
-        return any(self.is_on(channel, time) for time in (start, *changes) if start <= time < end)
+        on = {channel for time in (start, *changes) if start <= time < end for channel in self.at(time)}
+        return [channel for channel in self.channels if channel in on]
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ class Radio:
     """Of the stream of errors."""
 
 
+@lru_cache
 def milliwatts(dbm: float) -> float:
     # the channel's own power of ten, which has tests of its own: at a ratio of exactly 11 dB its last bit decides
     return 0.0 if dbm == -inf else elementary.exp10(dbm / 10.0)
@@ -141,8 +144,7 @@ class Air:
         jamming = (
             OnAir(start, end, self.devices + number, channel)
             for number, jammer in enumerate(self.radio.jammers)
-            for channel in jammer.channels
-            if jammer.is_on_within(channel, start, end)
+            for channel in jammer.within(start, end)
         )
         total = 0.0
         for other in chain(recent, jamming):

@@ -122,6 +122,16 @@ class Device:
         return next((link for link in self.alive() if peer in (link.master, link.slave)), None)
 
 
+class Watcher:
+    """Somebody who looks at what happens on a stage; this one does not."""
+
+    def happened(self, phase: int, order: int) -> None:
+        """Take in that an event of that phase and order has happened."""
+
+    def nothing_until(self, time: int) -> None:
+        """Take in that all that happens now has happened, and that nothing else will before *time*."""
+
+
 @dataclass
 class Stage:
     """Devices on one air, and the agenda."""
@@ -131,8 +141,7 @@ class Stage:
     """(device, bound, tick) -> an integer in [0, bound): the scanner's back-off."""
     book: Book = field(default_factory=Book)
     now: int = 0
-    happened: Callable[[int, int], None] | None = None
-    """Called with the phase and order of every event but looks, if anybody looks."""
+    watcher: Watcher = field(default_factory=Watcher)
 
     def __post_init__(self) -> None:
         self.air = Air(self.scene.radio, len(self.scene.bodies))
@@ -162,10 +171,13 @@ class Stage:
 
     def run(self) -> None:
         while self.agenda and self.agenda[0][0] < self.scene.end:
-            self.now, phase, order, _, act = heappop(self.agenda)
+            time, phase, order, _, act = heappop(self.agenda)
+            if time > self.now:
+                self.watcher.nothing_until(time)
+                self.now = time
             act()
-            if self.happened is not None and phase <= AIR:
-                self.happened(phase, order)
+            self.watcher.happened(phase, order)
+        self.watcher.nothing_until(self.scene.end)
         self.book.sort()
 
     def arrive(self, frame: OnAir, to: int, carrier: float, outcome: str, part: str | None, idle: bool = False) -> None:

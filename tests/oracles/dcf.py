@@ -173,10 +173,10 @@ class Station:
 
     def busy(self, now: int) -> bool:
         """Return whether the medium is sensed busy, physically or virtually."""
+        if self.sending is not None or now < self.nav:
+            return True
         late = self.rules.timing.delta + self.rules.timing.cca
-        return (
-            self.sending is not None or now < self.nav or any(frame.begin_ns + late <= now for frame in self.arriving)
-        )
+        return bool(self.arriving) and min(frame.begin_ns for frame in self.arriving) + late <= now
 
     def ifs_is_over(self, now: int) -> bool:
         timing = self.rules.timing
@@ -265,11 +265,10 @@ class Station:
                 self.last_lock = None if self.lock_deafened else self.lock
             if self.last_lock is None or self.lock != self.last_lock:
                 self.fail(now)
-        busy = self.busy(now)
         if self.counter is not None:
-            self.count(now, busy)
+            self.count(now, self.busy(now))
         elif self.queue and not self.in_exchange:
-            if busy:
+            if self.busy(now):
                 self.draw()
             elif self.ifs_is_over(now):
                 self.access = True
@@ -325,6 +324,8 @@ class Station:
 
     def note(self, now: int, states: set[str]) -> list[Interval]:
         """Note in which *states* the station is from now on; return the intervals that are over."""
+        if self.doing.keys() == states:
+            return []
         over = [interval._replace(end_ns=now) for state, interval in self.doing.items() if state not in states]
         self.doing = {state: interval for state, interval in self.doing.items() if state in states}
         for state in states - self.doing.keys():

@@ -131,8 +131,8 @@ BAND_FAULTS = [
         "calm frames are forgotten",
         "band",
         "radio",
-        "        self._note(source, start, start + duration, channel)",
-        "        pass",
+        'advanced to now."""\n        self._note(source, start, start + duration, channel)\n',
+        'advanced to now."""\n',
     ),
     Fault("the calm after a page comes too early", "band", "radio", "        self._stray_until(end)\n", ""),
     Fault(

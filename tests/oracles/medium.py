@@ -28,13 +28,12 @@ class Clock:
         return self.local(time) // TICK
 
     def at_local(self, local: int) -> int:
-        """Return the first instant whose local time is at least *local*: guess, then walk there."""
-        time = (local - self.phase) * 1_000_000 // (1_000_000 + self.ppm)
-        while self.local(time) >= local:
-            time -= 1
-        while self.local(time) < local:
-            time += 1
-        return time
+        """Return the first instant whose local time is at least *local*: guess, then walk there.
+
+        The guess is rounded down, so that it is this instant, or the one before it.
+        """
+        guess = (local - self.phase) * 1_000_000 // (1_000_000 + self.ppm)
+        return guess if self.local(guess) >= local else guess + 1
 
     def start(self, tick: int) -> int:
         """Return the instant at which *tick* begins."""

@@ -10,7 +10,8 @@ from tests.oracles import band_corners
 from tests.oracles.band import live
 from tests.oracles.band_air import Jammer, Matrix, Mode, Radio
 from tests.oracles.band_scene import ALL, Body, Book, Input, Join, Scene, Seen, Send
-from tests.oracles.medium import SLOT, TICK, US
+from tests.oracles.campaign import Seeded
+from tests.oracles.medium import SLOT, TICK, US, Clock
 
 FIRST = 4_000
 """Both masters' tick at time 0, or nearly."""
@@ -118,17 +119,26 @@ def test_the_section_that_is_hit_first_is_named(at: int, part: str) -> None:
     assert (data.kind, data.outcome, data.part) == ("DH1", "collided", part)
 
 
+def test_at_local_is_the_first_instant_of_that_local_time() -> None:
+    choice = Seeded(1)
+    clocks = [Clock(choice.integer(0, TICK << 28), choice.integer(-250, 250)) for _ in range(300)]
+    for clock in [Clock(0), Clock(1, 250), Clock(1, -250), *clocks]:
+        for local in (clock.phase, clock.phase + 1, clock.phase + 4_000, choice.integer(0, TICK << 29)):
+            time = clock.at_local(local)
+            assert clock.local(time - 1) < local <= clock.local(time)
+
+
 def test_jammers_sweep_and_pulse() -> None:
     sweep = Jammer("sweeping", 1_000, 10_000, (7, 3, 5), dwell=100)
-    assert [sweep.is_on(7, time) for time in (999, 1_000, 1_099, 1_100, 1_300, 10_000)] == [0, 1, 1, 0, 1, 0]
-    assert [channel for channel in (7, 3, 5, 4) if sweep.is_on_within(channel, 1_050, 1_101)] == [7, 3]
-    assert not sweep.is_on_within(5, 1_050, 1_200)
-    assert sweep.is_on_within(5, 1_050, 1_201)
+    assert [7 in sweep.at(time) for time in (999, 1_000, 1_099, 1_100, 1_300, 10_000)] == [0, 1, 1, 0, 1, 0]
+    assert sweep.within(1_050, 1_101) == [7, 3]
+    assert 5 not in sweep.within(1_050, 1_200)
+    assert 5 in sweep.within(1_050, 1_201)
     pulses = Jammer("pulsed", 1_000, 10_000, (7,), on=10, period=100)
-    assert [pulses.is_on(7, time) for time in (1_009, 1_010, 1_099, 1_100)] == [1, 0, 0, 1]
-    assert not pulses.is_on_within(7, 1_010, 1_100)
-    assert pulses.is_on_within(7, 1_010, 1_101)
-    assert not pulses.is_on_within(7, 10_000, 20_000)
+    assert [7 in pulses.at(time) for time in (1_009, 1_010, 1_099, 1_100)] == [1, 0, 0, 1]
+    assert 7 not in pulses.within(1_010, 1_100)
+    assert 7 in pulses.within(1_010, 1_101)
+    assert 7 not in pulses.within(10_000, 20_000)
 
 
 def test_powers_count_from_the_frames_start_for_the_carrier_and_at_its_end_for_the_interferer() -> None:

@@ -130,14 +130,18 @@ DEFAULT = 300
 
 
 @cache
-def _default_case(number: int) -> tuple[Case, Outcome]:
-    case = next(seeded_cases(1, number))
-    return case, outcome_of(case)
+def default_case(number: int) -> Case:
+    return next(seeded_cases(1, number))
+
+
+@cache
+def _default_outcome(number: int) -> Outcome:
+    return outcome_of(default_case(number))
 
 
 def default_cases() -> Iterator[tuple[Case, Outcome]]:
     """Yield the cases of the default run and what the oracle says of them."""
-    return (_default_case(number) for number in range(DEFAULT))
+    return ((default_case(number), _default_outcome(number)) for number in range(DEFAULT))
 
 
 @settings(max_examples=60, derandomize=True, database=None)
