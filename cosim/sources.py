@@ -121,10 +121,10 @@ def _source(name: str, own: frozenset[str]) -> Path | None:
     if not below:
         return origin
     for place in places:
-        at = place.joinpath(*below)
-        for path in (at / "__init__.py", at.with_name(f"{at.name}.py")):
-            if path.is_file():
-                return path
+        at = os.path.join(place, *below)  # plain text: a thousand names are looked up for every sweep
+        for path in (os.path.join(at, "__init__.py"), f"{at}.py"):
+            if os.path.isfile(path):
+                return Path(path)
     return None
 
 
