@@ -18,11 +18,13 @@ the map has
     log p = -d^2 / 2 sigma^2,  but no less than log(stray);
 
 between centres of cells it is interpolated, so that poses are told apart within a cell. Where a wall is in its cell is
-not known so: a map and all poses on it move by up to half a cell against walls on the edges of cells. With ``hit:
-mean`` each cell keeps the mean of the hits that fell in it, as GMapping's do, and d is how far an end is from that of
-the mean that is nearest to the centre of the end's cell; nothing is interpolated. In both, ends that lie in the unknown,
-far from all that is known, are left out: what a scan has just found must not pull it back to what is known. They
-are determined once for each scan, where odometry puts the particle; each counts log(news) for the particle's weight.
+not known so: where walls are on the edges of cells, the map and all poses on it move by up to half a cell. With ``hit:
+mean`` each cell keeps the mean of the hits that fell in it, as GMapping's do, and d is how far an end is from the mean
+that is nearest to the centre of the end's cell; nothing is interpolated.
+
+Ends that lie in the unknown, far from all that is known, are left out: what a scan has just found must not pull it back
+to what is known. They are determined once for each scan, where odometry puts the particle; each counts log(news) for
+the particle's weight.
 
 The beams of a scan err together, as the map does: each counts only as *power* of an independent one. What is climbed is
 
@@ -104,9 +106,10 @@ class SlamParameters(Settings):
     range_m: Metres = Field(default=2.5, gt=0, description="m, how far a beam reaches")
     max_beams: Count = Field(default=90, ge=2, description="at most so many beams of a scan are matched, evenly spaced")
     hit: Literal["centre", "mean"] = Field(
-        default="centre", description="where the wall is in an occupied cell: its centre, or the mean of the cell's hits"
+        default="centre",
+        description="where the wall is in an occupied cell: its centre, or the mean of the cell's hits",
     )
-    sigma_m: Metres = Field(default=0.1, gt=0, description="m, standard deviation of a hit from there")
+    sigma_m: Metres = Field(default=0.1, gt=0, description="m, standard deviation of a hit from there (GMapping 0.05)")
     stray: float = Field(default=0.05, gt=0, lt=1, description="p of an end in the open, where that on a wall is 1")
     news: float = Field(default=0.5, gt=0, le=1, description="p of an end in the unknown, where that on a wall is 1")
     power: float = Field(
@@ -207,13 +210,13 @@ class Slam:
         size = field_size(own.range_m, own.slack_m, cell_m)
         means = own.hit == "mean"
         self._field = np.empty((size, size), np.float32)
-        self._nearest = np.empty((size, size, 2) if means else (0, 0, 2), np.float32)
+        self._nearest = np.empty((size, size, 2), np.float32) if means else None
         self._frontier = np.zeros((shape[0], (shape[1] + 7) // 8 * 8), np.uint8)
         self._changed = np.empty(most_changes(own.range_m, cell_m), np.int32)
         self.maps: Evidence = np.zeros((own.particles, *shape), np.int8)
         """Shape (n, ny, nx): each particle's evidence, as :mod:`cosim.geometry.marking` has it."""
-        self.hits: Singles = np.zeros((own.particles, *(shape if means else (0, 0)), 3), np.float32)
-        """Shape (n, ny, nx, 3), or (n, 0, 0, 3) unless means are kept: see :func:`cosim.geometry.marking.add_hits`."""
+        self.hits: Singles | None = np.zeros((own.particles, *shape, 3), np.float32) if means else None
+        """Shape (n, ny, nx, 3), if means are kept: each particle's :func:`cosim.geometry.marking.add_hits`."""
         self.poses: Floats = np.tile(np.array(start, np.float64), (own.particles, 1))
         """Shape (n, 3): x_m, y_m, heading_rad of each particle at the last update."""
         self.weights: Floats = np.full(own.particles, 1.0 / own.particles)
@@ -328,7 +331,8 @@ class Slam:
         free = np.flatnonzero(counts == 0)
         self.poses[free] = self.poses[spare]
         self.maps[free] = self.maps[spare]
-        self.hits[free] = self.hits[spare]
+        if self.hits is not None:
+            self.hits[free] = self.hits[spare]
         self.weights[:] = 1.0 / len(self.weights)
         self.resamplings += 1
 
@@ -477,7 +481,7 @@ def means_fit(
 @njit(cache=True)
 def _fit(
     field: Singles,
-    nearest: Singles,
+    nearest: Singles | None,
     u: float,
     v: float,
     heading: float,
@@ -487,15 +491,15 @@ def _fit(
     numbers: Floats,
 ) -> float:
     """Return what :func:`means_fit` does if there are means, else what :func:`field_fit` does."""
-    if nearest.shape[0] > 0:
-        return means_fit(nearest, u, v, heading, ends, count, numbers[SIGMA_M] / cell_m, numbers[STRAY])
-    return field_fit(field, u, v, heading, ends, count)
+    if nearest is None:  # numba knows that when it compiles
+        return field_fit(field, u, v, heading, ends, count)
+    return means_fit(nearest, u, v, heading, ends, count, numbers[SIGMA_M] / cell_m, numbers[STRAY])
 
 
 @njit(cache=True)
 def climb(
     field: Singles,
-    nearest: Singles,
+    nearest: Singles | None,
     u: float,
     v: float,
     heading: float,
@@ -506,7 +510,7 @@ def climb(
 ) -> Match:
     """Return the pose near (u, v, heading) from which *ends* fit best, in cells of *field*, and its value.
 
-    They are to fit the means *nearest* (n, n, 2) of :func:`find_nearest`, or *field* (n, n) if these are of no cell.
+    They are to fit the means *nearest* (n, n, 2) of :func:`find_nearest` if there are, else *field* (n, n).
     The steps begin with STEP_M and STEP_RAD of *numbers* (NUMBERS,) and are halved five times (GMapping's iterations).
     """
     per_u, per_turn = 0.5 * (cell_m / numbers[SLACK_M]) ** 2, 0.5 / numbers[SLACK_RAD] ** 2
@@ -537,21 +541,21 @@ def climb(
 @njit(cache=True)
 def match_particles(
     maps: Evidence,
-    hits: Singles,
+    hits: Singles | None,
     poses: Floats,
     ends: Floats,
     frame: Floats,
     stamp: Singles,
     numbers: Floats,
     field: Singles,
-    nearest: Singles,
+    nearest: Singles | None,
     scores: Floats,
 ) -> None:
     """Pull each of *poses* (n, 3) to where the scan's *ends* (m, 2; metres, body's frame) fit its map, of *maps*.
 
     *maps* has the shape (n, ny, nx), *hits* (n, ny, nx, 3), *frame* is x_m and y_m of their lower left corner and
-    cell_m, *field* and *nearest* (.., 2) scratch of ``field_size``. Without cells of *nearest* the centres of cells are
-    matched, and there are no *hits*. *scores* (n,) are set to what was climbed, with what the ends count that were left out.
+    cell_m, *field* and *nearest* (.., 2) are scratch of ``field_size``. Without *hits* and *nearest* the centres of
+    cells are matched. *scores* (n,) are set to what was climbed, with what the ends count that were left out.
     """
     cell = frame[2]
     in_cells = ends / cell
@@ -562,7 +566,7 @@ def match_particles(
         left, low = make_field(maps[i], u, v, stamp, numbers[STRAY], field)
         count = choose_ends(field, u - left, v - low, poses[i, 2], in_cells, chosen)
         settle_field(field, numbers[STRAY])
-        if nearest.shape[0] > 0:
+        if hits is not None and nearest is not None:
             find_nearest(maps[i], hits[i], left, low, reach, nearest)
         near = u - left, v - low, poses[i, 2]
         to_u, to_v, heading, score = climb(field, nearest, *near, chosen, count, cell, numbers)
@@ -574,7 +578,7 @@ def match_particles(
 @njit(cache=True)
 def mark_particles(
     maps: Evidence,
-    hits: Singles,
+    hits: Singles | None,
     poses: Floats,
     ranges_m: Floats,
     beams: Floats,
@@ -587,7 +591,7 @@ def mark_particles(
 ) -> None:
     """Mark a scan into each of *maps* (n, ny, nx) from its pose; *beams* (m, 2) are in the body's frame.
 
-    Its hits are added to *hits* (n, ny, nx, 3) unless these have no cells.
+    Its hits are added to *hits* (n, ny, nx, 3), if there are.
     *frontier* and *changed* are scratch of :func:`cosim.geometry.marking.mark_scan`: no frontier is kept.
     """
     ways = np.empty_like(beams)
@@ -615,5 +619,5 @@ def mark_particles(
             changed,
             True,
         )
-        if hits.shape[1] > 0:
+        if hits is not None:
             add_hits(hits[i], frame[0], frame[1], frame[2], poses[i, 0], poses[i, 1], ranges_m, ways, range_m)

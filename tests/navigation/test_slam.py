@@ -38,7 +38,6 @@ from tests.navigation.slam_scene import (
 )
 
 STRAY = 0.05
-NO_HITS, NO_MEANS = np.empty((1, 0, 0, 3), np.float32), np.empty((0, 0, 2), np.float32)
 LOOP = [(0.9, 1.3), (4.2, 1.4), (7.2, 1.2), (7.3, 4.9), (4.1, 4.5), (1.0, 4.9), (0.9, 1.3)]
 AWAY_AND_BACK = [(0.8, 1.1), (2.2, 1.2), (8.5, 1.2), (8.5, 1.9), (2.0, 1.5), (0.9, 1.1)]
 
@@ -111,7 +110,7 @@ def test_ends_in_the_unknown_are_left_out_and_count_as_news():
     field, scores = np.empty((size, size), np.float32), np.empty(1)
     ends = np.array([[0.25, 0.0], [0.25, 0.1], [1.2, 0.0], [1.0, 0.4], [1.2, -0.5]])
     poses = np.array([[2.0, 2.0, 0.0]])
-    match_particles(evidence, NO_HITS, poses, ends, frame, stamp, numbers, field, NO_MEANS, scores)
+    match_particles(evidence, None, poses, ends, frame, stamp, numbers, field, None, scores)
     assert poses[0] == pytest.approx([2.0, 2.0, 0.0])  # the two that count fit as well as can be
     assert scores[0] == pytest.approx(0.2 * 3 * math.log(0.3))
     low = make_field(evidence[0], 20.0, 20.0, stamp, math.log(STRAY), field)
@@ -138,7 +137,7 @@ def test_matching_recovers_a_known_offset(pose, dx, dy, turn):
     poses, scores = np.array([[pose[0] + dx, pose[1] + dy, pose[2] + turn]]), np.empty(1)
     frame, field = np.array([*ORIGIN_M, CELL_M]), np.empty((size, size), np.float32)
     stamp, numbers = stamp_of(0.1, STRAY, CELL_M), numbers_of(slack_m=1.0, slack_rad=1.0)
-    match_particles(maps, NO_HITS, poses, ends, frame, stamp, numbers, field, NO_MEANS, scores)
+    match_particles(maps, None, poses, ends, frame, stamp, numbers, field, None, scores)
     assert math.hypot(poses[0, 0] - pose[0], poses[0, 1] - pose[1]) < 0.05  # half a cell
     assert abs(math.remainder(poses[0, 2] - pose[2], math.tau)) < 0.03
 
@@ -151,16 +150,16 @@ def test_the_climb_ends_on_top_and_is_tied_to_where_it_began():
     # ends all over a cell: their mean of what is interpolated linearly between parabolas is a parabola
     offsets = (np.arange(10) - 4.5) / 10
     ends = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(100, 2)
-    u, v, _, _ = climb(field, NO_MEANS, 18.0, 20.0, 0.0, ends, 100, CELL_M, numbers_of(0.1, 1e3, 1e3))
+    u, v, _, _ = climb(field, None, 18.0, 20.0, 0.0, ends, 100, CELL_M, numbers_of(0.1, 1e3, 1e3))
     assert (u, v) == pytest.approx(top, abs=0.03)
     # two parabolas: 0.1 d^2 in all against d^2 / 2 (slack / cell)^2
-    u, v, _, _ = climb(field, NO_MEANS, 18.0, 20.0, 0.0, ends, 100, CELL_M, numbers_of(0.1, 0.2, 1e3))
+    u, v, _, _ = climb(field, None, 18.0, 20.0, 0.0, ends, 100, CELL_M, numbers_of(0.1, 0.2, 1e3))
     pull = 0.1 / (0.1 + 0.5 * (CELL_M / 0.2) ** 2)
     assert (u, v) == pytest.approx((18.0 + 2.4 * pull, 20.0 - 1.1 * pull), abs=0.03)
     ring = draw.uniform(-8, 8, (30, 2))
     start = 1.0
     bumpy = -draw.random((41, 41)).astype(np.float32)
-    u, v, heading, value = climb(bumpy, NO_MEANS, 20.0, 20.0, start, ring, 30, CELL_M, numbers_of(1.0, 1.0, 1.0))
+    u, v, heading, value = climb(bumpy, None, 20.0, 20.0, start, ring, 30, CELL_M, numbers_of(1.0, 1.0, 1.0))
     tie = ((u - 20.0) ** 2 + (v - 20.0) ** 2) * CELL_M**2 / 2 + (heading - start) ** 2 / 2
     assert value == pytest.approx(field_fit(bumpy, u, v, heading, ring, 30) - tie, abs=1e-6)
     assert value > field_fit(bumpy, 20.0, 20.0, start, ring, 30)
