@@ -189,3 +189,21 @@ def test_where_walls_are_in_their_cells_matters_to_centres_and_not_to_means():
     assert at_edges == pytest.approx(at_centres, abs=0.005)
     assert max(at_edges, at_centres) < 0.015
     assert median_error_m(0.0) - median_error_m(0.05) > 0.03
+
+
+def creep_m(seed, **own):
+    """Return how far off (m) the estimate and odometry are after twelve rounds in a corner of a room."""
+    walls = segment_grid(
+        [*box(0.0, 0.0, 5.0, 4.5)[:2], (5.0, 4.5, 2.6, 4.5), (1.4, 4.5, 0.0, 4.5), (0.0, 4.5, 0.0, 0.0)]
+    )
+    poses = course([(2.5, 2.5), *[(3.6, 0.8), (4.2, 0.9), (4.1, 1.4), (3.5, 1.3)] * 12], 0.25)
+    slam = slam_at(poses[0], seed, particles=30, power=0.03, **own)
+    found, dead = drive(slam, walls, poses, seed, noise=0.01, noise_m=0.02)
+    return off(found, poses)[-20:].mean(), off(dead, poses)[-20:].mean()
+
+
+def test_walls_that_are_seen_from_one_side_only_creep_away_from_a_robot_with_centres_and_hardly_with_means():
+    by_centres, by_odometry = creep_m(1)
+    by_means, _ = creep_m(1, hit="mean", sigma_m=0.05)
+    assert by_centres > 2.0 * by_odometry
+    assert by_means < 0.5 * by_odometry
