@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 
 import cosim.elementary as elementary
-from cosim.arrays import Bools, Bytes, Floats, Int32s
+from cosim.arrays import Bools, Bytes, Floats, Int32s, Singles
 from cosim.jit import njit
 
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
@@ -164,6 +164,42 @@ def merge_cells(
             count = _list(frontier, changed, count, nx, cell, before)
             mine[cell] = weight if told[k] == OCCUPIED else -weight
     return _settle(evidence, frontier, changed, count, diagonal)
+
+
+@njit(cache=True)
+def add_hits(
+    sums: Singles,
+    origin_x: float,
+    origin_y: float,
+    cell_m: float,
+    x: float,
+    y: float,
+    ranges_m: Floats,
+    directions: Floats,
+    range_m: float,
+) -> None:
+    """Add the hits of a scan from (x, y) to *sums* (ny, nx, 3), from which the mean of each cell's hits follows.
+
+    They are of each cell: how far its hits are from its centre in x and in y, and how many they are; all in cells. What
+    hits which cell is as in :func:`mark_scan` without bodies, and so are the arguments. That a cell keeps the sum and
+    the number of its hits is GMapping's (Grisetti, Stachniss and Burgard, IEEE T-RO 23(1), 2007; its PointAccumulator).
+    """
+    ny, nx = sums.shape[0], sums.shape[1]
+    u, v = (x - origin_x) / cell_m, (y - origin_y) / cell_m
+    if not (0.0 <= u < nx and 0.0 <= v < ny):
+        return
+    u, v = min(max(u, _MARGIN), nx - _MARGIN), min(max(v, _MARGIN), ny - _MARGIN)
+    for k in range(ranges_m.shape[0]):
+        if not 0.0 <= ranges_m[k] < range_m:
+            continue
+        length = ranges_m[k] / cell_m
+        _, end, strikes = _hit(u, v, directions[k, 0], directions[k, 1], length, nx, ny)
+        if strikes:
+            iy = end // nx
+            ix = end - iy * nx
+            sums[iy, ix, 0] += u + length * directions[k, 0] - (ix + 0.5)
+            sums[iy, ix, 1] += v + length * directions[k, 1] - (iy + 0.5)
+            sums[iy, ix, 2] += 1.0
 
 
 # ---------------------------------------------------------------- beams

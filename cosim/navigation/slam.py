@@ -17,9 +17,14 @@ the map has
 
     log p = -d^2 / 2 sigma^2,  but no less than log(stray);
 
-between centres of cells it is interpolated, so that poses are told apart within a cell. Ends that lie in the unknown,
-far from all that is known, are left out: what a scan has just found must not pull it back to what is known. They
-are determined once for each scan, where odometry puts the particle; each counts log(news) for the particle's weight.
+between centres of cells it is interpolated, so that poses are told apart within a cell. Where a wall is in its cell is
+not known so: where walls are on the edges of cells, the map and all poses on it move by up to half a cell. With ``hit:
+mean`` each cell keeps the mean of the hits that fell in it, as GMapping's do, and d is how far an end is from the mean
+that is nearest to the centre of the end's cell; nothing is interpolated.
+
+Ends that lie in the unknown, far from all that is known, are left out: what a scan has just found must not pull it back
+to what is known. They are determined once for each scan, where odometry puts the particle; each counts log(news) for
+the particle's weight.
 
 The beams of a scan err together, as the map does: each counts only as *power* of an independent one. What is climbed is
 
@@ -27,7 +32,7 @@ The beams of a scan err together, as the map does: each counts only as *power* o
 
 with the offsets from where odometry puts the particle. Source of the climbing, six neighbours and steps that are halved
 when none is better: GMapping (Grisetti, Stachniss and Burgard, IEEE T-RO 23(1), 2007, and their scanmatcher.cpp), where
-the tie to odometry is off and each cell keeps the mean of its hits.
+the tie to odometry is off.
 
 Where it differs from the paper and GMapping:
 
@@ -55,7 +60,7 @@ from pydantic import Field
 
 import cosim.elementary as elementary
 from cosim.arrays import Bytes, Floats, Int32s, Singles
-from cosim.geometry.marking import DOUBTFUL, Evidence, Weights, mark_scan, most_changes
+from cosim.geometry.marking import DOUBTFUL, Evidence, Weights, add_hits, mark_scan, most_changes
 from cosim.jit import njit
 from cosim.navigation.localization.motion import (
     PICK,
@@ -77,9 +82,9 @@ Corner: TypeAlias = tuple[int, int]
 Match: TypeAlias = tuple[float, float, float, float]
 """x_m, y_m, heading_rad and what was climbed."""
 
-NUMBERS: Final = 7
-POWER, SLACK_M, SLACK_RAD, STEP_M, STEP_RAD, STRAY, NEWS = range(NUMBERS)
-"""Numbers of a search: power, the two slacks, the first steps (m, rad), and log(stray) and log(news)."""
+NUMBERS: Final = 8
+POWER, SLACK_M, SLACK_RAD, STEP_M, STEP_RAD, STRAY, NEWS, SIGMA_M = range(NUMBERS)
+"""Numbers of a search: power, the two slacks, the first steps (m, rad), log(stray) and log(news), and sigma_m."""
 
 _MOST_MOVES: Final = 60
 """Largest number of steps of a climb."""
@@ -100,7 +105,11 @@ class SlamParameters(Settings):
     particles: int = Field(default=10, ge=1, le=200, description="particles (GMapping 30)")
     range_m: Metres = Field(default=2.5, gt=0, description="m, how far a beam reaches")
     max_beams: Count = Field(default=90, ge=2, description="at most so many beams of a scan are matched, evenly spaced")
-    sigma_m: Metres = Field(default=0.1, gt=0, description="m, standard deviation of a hit from its cell's centre")
+    hit: Literal["centre", "mean"] = Field(
+        default="centre",
+        description="where the wall is in an occupied cell: its centre, or the mean of the cell's hits",
+    )
+    sigma_m: Metres = Field(default=0.1, gt=0, description="m, standard deviation of a hit from there (GMapping 0.05)")
     stray: float = Field(default=0.05, gt=0, lt=1, description="p of an end in the open, where that on a wall is 1")
     news: float = Field(default=0.5, gt=0, le=1, description="p of an end in the unknown, where that on a wall is 1")
     power: float = Field(
@@ -196,14 +205,18 @@ class Slam:
         # a scan that only weighs is one that cannot pull
         slacks = (own.slack_m, own.slack_rad) if own.matching else (1e-9, 1e-9)
         logs = elementary.log(own.stray), elementary.log(own.news)
-        self._numbers = np.array([own.power, *slacks, own.step_m, own.step_rad, *logs])
+        self._numbers = np.array([own.power, *slacks, own.step_m, own.step_rad, *logs, own.sigma_m])
         self._stamp = stamp_of(own.sigma_m, own.stray, cell_m)
         size = field_size(own.range_m, own.slack_m, cell_m)
+        means = own.hit == "mean"
         self._field = np.empty((size, size), np.float32)
+        self._nearest = np.empty((size, size, 2), np.float32) if means else None
         self._frontier = np.zeros((shape[0], (shape[1] + 7) // 8 * 8), np.uint8)
         self._changed = np.empty(most_changes(own.range_m, cell_m), np.int32)
         self.maps: Evidence = np.zeros((own.particles, *shape), np.int8)
         """Shape (n, ny, nx): each particle's evidence, as :mod:`cosim.geometry.marking` has it."""
+        self.hits: Singles | None = np.zeros((own.particles, *shape, 3), np.float32) if means else None
+        """Shape (n, ny, nx, 3), if means are kept: each particle's :func:`cosim.geometry.marking.add_hits`."""
         self.poses: Floats = np.tile(np.array(start, np.float64), (own.particles, 1))
         """Shape (n, 3): x_m, y_m, heading_rad of each particle at the last update."""
         self.weights: Floats = np.full(own.particles, 1.0 / own.particles)
@@ -281,15 +294,16 @@ class Slam:
             scores = np.empty(own.particles)
             ends = ranges[hit, np.newaxis] * beams[hit]
             frame, numbers = self._frame, self._numbers
-            match_particles(self.maps, self.poses, ends, frame, self._stamp, numbers, self._field, scores)
+            fields = self._field, self._nearest
+            match_particles(self.maps, self.hits, self.poses, ends, frame, self._stamp, numbers, *fields, scores)
             self.weights *= elementary.exps(scores - scores.max())
             self.weights /= self.weights.sum()
         self._mean = self._estimated()
         if self.updates and self.effective < own.resample_below * own.particles:
             self._resample()
-        changed, frontier, marks = self._changed, self._frontier, self._marks
+        scratch, marks = (self._frontier, self._changed), self._marks
         mark_particles(
-            self.maps, self.poses, ranges, beams, own.range_m, self._frame, marks, frontier, changed, _NO_BODIES
+            self.maps, self.hits, self.poses, ranges, beams, own.range_m, self._frame, marks, *scratch, _NO_BODIES
         )
         self.updates += 1
 
@@ -317,6 +331,8 @@ class Slam:
         free = np.flatnonzero(counts == 0)
         self.poses[free] = self.poses[spare]
         self.maps[free] = self.maps[spare]
+        if self.hits is not None:
+            self.hits[free] = self.hits[spare]
         self.weights[:] = 1.0 / len(self.weights)
         self.resamplings += 1
 
@@ -418,17 +434,89 @@ def field_fit(field: Singles, u: float, v: float, heading: float, ends: Floats, 
 
 
 @njit(cache=True)
-def climb(
-    field: Singles, u: float, v: float, heading: float, ends: Floats, count: int, cell_m: float, numbers: Floats
-) -> Match:
-    """Return the pose near (u, v, heading) from which *ends* fit *field* best, in cells of it, and its value.
+def find_nearest(evidence: Evidence, hits: Singles, left: int, low: int, reach: int, nearest: Singles) -> None:
+    """Set *nearest* (n, n, 2) to the mean of hits that is nearest to the centre of each cell, in cells of the field.
 
+    It is infinite where none is in the cells up to *reach* away. The field's first cell is (left, low) of the map.
+    *hits* (ny, nx, 3) are the sums of :func:`cosim.geometry.marking.add_hits`; cells that are not occupied count for
+    nothing.
+    """
+    ny, nx = evidence.shape
+    n = nearest.shape[0]
+    nearest[:] = np.inf
+    for iy in range(max(low - reach, 0), min(low + n + reach, ny)):
+        for ix in range(max(left - reach, 0), min(left + n + reach, nx)):
+            if evidence[iy, ix] <= 0:
+                continue
+            u = ix - left + 0.5 + hits[iy, ix, 0] / hits[iy, ix, 2]
+            v = iy - low + 0.5 + hits[iy, ix, 1] / hits[iy, ix, 2]
+            for j in range(max(iy - reach - low, 0), min(iy + reach + 1 - low, n)):
+                for i in range(max(ix - reach - left, 0), min(ix + reach + 1 - left, n)):
+                    here = (u - i - 0.5) ** 2 + (v - j - 0.5) ** 2
+                    if here < (nearest[j, i, 0] - i - 0.5) ** 2 + (nearest[j, i, 1] - j - 0.5) ** 2:
+                        nearest[j, i, 0], nearest[j, i, 1] = u, v
+
+
+@njit(cache=True)
+def means_fit(
+    nearest: Singles, u: float, v: float, heading: float, ends: Floats, count: int, sigma: float, stray: float
+) -> float:
+    """Return the sum of log p over the first *count* of *ends* (m, 2), seen from a pose; all in cells of *nearest*.
+
+    *nearest* (n, n, 2) are the means of :func:`find_nearest`, *sigma* is in cells, *stray* a logarithm.
+    """
+    most = nearest.shape[0] - 0.001
+    per_square = 0.5 / (sigma * sigma)
+    cos, sin = elementary.cos(heading), elementary.sin(heading)
+    total = 0.0
+    for k in range(count):
+        across = min(max(u + cos * ends[k, 0] - sin * ends[k, 1], 0.0), most)
+        up = min(max(v + sin * ends[k, 0] + cos * ends[k, 1], 0.0), most)
+        i, j = int(across), int(up)
+        du, dv = across - nearest[j, i, 0], up - nearest[j, i, 1]
+        total += max(-per_square * (du * du + dv * dv), stray)
+    return total
+
+
+@njit(cache=True)
+def _fit(
+    field: Singles,
+    nearest: Singles | None,
+    u: float,
+    v: float,
+    heading: float,
+    ends: Floats,
+    count: int,
+    cell_m: float,
+    numbers: Floats,
+) -> float:
+    """Return what :func:`means_fit` does if there are means, else what :func:`field_fit` does."""
+    if nearest is None:  # numba knows that when it compiles
+        return field_fit(field, u, v, heading, ends, count)
+    return means_fit(nearest, u, v, heading, ends, count, numbers[SIGMA_M] / cell_m, numbers[STRAY])
+
+
+@njit(cache=True)
+def climb(
+    field: Singles,
+    nearest: Singles | None,
+    u: float,
+    v: float,
+    heading: float,
+    ends: Floats,
+    count: int,
+    cell_m: float,
+    numbers: Floats,
+) -> Match:
+    """Return the pose near (u, v, heading) from which *ends* fit best, in cells of *field*, and its value.
+
+    They are to fit the means *nearest* (n, n, 2) of :func:`find_nearest` if there are, else *field* (n, n).
     The steps begin with STEP_M and STEP_RAD of *numbers* (NUMBERS,) and are halved five times (GMapping's iterations).
     """
     per_u, per_turn = 0.5 * (cell_m / numbers[SLACK_M]) ** 2, 0.5 / numbers[SLACK_RAD] ** 2
     step, turn, power = numbers[STEP_M] / cell_m, numbers[STEP_RAD], numbers[POWER]
     at_u, at_v, at_turn = 0.0, 0.0, 0.0
-    best = power * field_fit(field, u, v, heading, ends, count)
+    best = power * _fit(field, nearest, u, v, heading, ends, count, cell_m, numbers)
     halved, moves = 0, 0
     while halved <= 5 and moves < _MOST_MOVES and count > 0:
         to_u, to_v, to_turn, found = at_u, at_v, at_turn, best
@@ -439,7 +527,8 @@ def climb(
             try_turn = at_turn + sign * turn * (k // 2 == 2)
             value = -per_u * (try_u**2 + try_v**2) - per_turn * try_turn**2
             if value > found:  # the rest is at most 0
-                value += power * field_fit(field, u + try_u, v + try_v, heading + try_turn, ends, count)
+                to = u + try_u, v + try_v, heading + try_turn
+                value += power * _fit(field, nearest, *to, ends, count, cell_m, numbers)
                 if value > found:
                     to_u, to_v, to_turn, found = try_u, try_v, try_turn, value
         if found > best:
@@ -452,28 +541,35 @@ def climb(
 @njit(cache=True)
 def match_particles(
     maps: Evidence,
+    hits: Singles | None,
     poses: Floats,
     ends: Floats,
     frame: Floats,
     stamp: Singles,
     numbers: Floats,
     field: Singles,
+    nearest: Singles | None,
     scores: Floats,
 ) -> None:
     """Pull each of *poses* (n, 3) to where the scan's *ends* (m, 2; metres, body's frame) fit its map, of *maps*.
 
-    *maps* has the shape (n, ny, nx), *frame* is x_m and y_m of their lower left corner and cell_m, *field* scratch of
-    ``field_size``. *scores* (n,) are set to what was climbed, with what the ends count that were left out.
+    *maps* has the shape (n, ny, nx), *hits* (n, ny, nx, 3), *frame* is x_m and y_m of their lower left corner and
+    cell_m, *field* and *nearest* (.., 2) are scratch of ``field_size``. Without *hits* and *nearest* the centres of
+    cells are matched. *scores* (n,) are set to what was climbed, with what the ends count that were left out.
     """
     cell = frame[2]
     in_cells = ends / cell
     chosen = np.empty_like(in_cells)
+    reach = int(numbers[SIGMA_M] * math.sqrt(-2.0 * numbers[STRAY]) / cell) + 1  # from a cell's rim to another's
     for i in range(poses.shape[0]):
         u, v = (poses[i, 0] - frame[0]) / cell, (poses[i, 1] - frame[1]) / cell
         left, low = make_field(maps[i], u, v, stamp, numbers[STRAY], field)
         count = choose_ends(field, u - left, v - low, poses[i, 2], in_cells, chosen)
         settle_field(field, numbers[STRAY])
-        to_u, to_v, heading, score = climb(field, u - left, v - low, poses[i, 2], chosen, count, cell, numbers)
+        if hits is not None and nearest is not None:
+            find_nearest(maps[i], hits[i], left, low, reach, nearest)
+        near = u - left, v - low, poses[i, 2]
+        to_u, to_v, heading, score = climb(field, nearest, *near, chosen, count, cell, numbers)
         poses[i, 0], poses[i, 1] = frame[0] + (to_u + left) * cell, frame[1] + (to_v + low) * cell
         poses[i, 2] = wrapped(heading)
         scores[i] = score + numbers[POWER] * numbers[NEWS] * (ends.shape[0] - count)
@@ -482,6 +578,7 @@ def match_particles(
 @njit(cache=True)
 def mark_particles(
     maps: Evidence,
+    hits: Singles | None,
     poses: Floats,
     ranges_m: Floats,
     beams: Floats,
@@ -494,6 +591,7 @@ def mark_particles(
 ) -> None:
     """Mark a scan into each of *maps* (n, ny, nx) from its pose; *beams* (m, 2) are in the body's frame.
 
+    Its hits are added to *hits* (n, ny, nx, 3), if there are.
     *frontier* and *changed* are scratch of :func:`cosim.geometry.marking.mark_scan`: no frontier is kept.
     """
     ways = np.empty_like(beams)
@@ -521,3 +619,5 @@ def mark_particles(
             changed,
             True,
         )
+        if hits is not None:
+            add_hits(hits[i], frame[0], frame[1], frame[2], poses[i, 0], poses[i, 1], ranges_m, ways, range_m)

@@ -54,7 +54,7 @@ def mapped_truly():
 
 
 def numbers_of(power=0.1, slack_m=0.1, slack_rad=0.1, news=0.5):
-    numbers = np.array([power, slack_m, slack_rad, 0.05, 0.05, math.log(STRAY), math.log(news)])
+    numbers = np.array([power, slack_m, slack_rad, 0.05, 0.05, math.log(STRAY), math.log(news), 0.1])
     assert len(numbers) == NUMBERS
     return numbers
 
@@ -110,7 +110,7 @@ def test_ends_in_the_unknown_are_left_out_and_count_as_news():
     field, scores = np.empty((size, size), np.float32), np.empty(1)
     ends = np.array([[0.25, 0.0], [0.25, 0.1], [1.2, 0.0], [1.0, 0.4], [1.2, -0.5]])
     poses = np.array([[2.0, 2.0, 0.0]])
-    match_particles(evidence, poses, ends, frame, stamp, numbers, field, scores)
+    match_particles(evidence, None, poses, ends, frame, stamp, numbers, field, None, scores)
     assert poses[0] == pytest.approx([2.0, 2.0, 0.0])  # the two that count fit as well as can be
     assert scores[0] == pytest.approx(0.2 * 3 * math.log(0.3))
     low = make_field(evidence[0], 20.0, 20.0, stamp, math.log(STRAY), field)
@@ -136,9 +136,8 @@ def test_matching_recovers_a_known_offset(pose, dx, dy, turn):
     size = field_size(RANGE_M, 1.0, CELL_M)
     poses, scores = np.array([[pose[0] + dx, pose[1] + dy, pose[2] + turn]]), np.empty(1)
     frame, field = np.array([*ORIGIN_M, CELL_M]), np.empty((size, size), np.float32)
-    match_particles(
-        maps, poses, ends, frame, stamp_of(0.1, STRAY, CELL_M), numbers_of(slack_m=1.0, slack_rad=1.0), field, scores
-    )
+    stamp, numbers = stamp_of(0.1, STRAY, CELL_M), numbers_of(slack_m=1.0, slack_rad=1.0)
+    match_particles(maps, None, poses, ends, frame, stamp, numbers, field, None, scores)
     assert math.hypot(poses[0, 0] - pose[0], poses[0, 1] - pose[1]) < 0.05  # half a cell
     assert abs(math.remainder(poses[0, 2] - pose[2], math.tau)) < 0.03
 
@@ -151,16 +150,16 @@ def test_the_climb_ends_on_top_and_is_tied_to_where_it_began():
     # ends all over a cell: their mean of what is interpolated linearly between parabolas is a parabola
     offsets = (np.arange(10) - 4.5) / 10
     ends = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(100, 2)
-    u, v, _, _ = climb(field, 18.0, 20.0, 0.0, ends, 100, CELL_M, numbers_of(0.1, 1e3, 1e3))
+    u, v, _, _ = climb(field, None, 18.0, 20.0, 0.0, ends, 100, CELL_M, numbers_of(0.1, 1e3, 1e3))
     assert (u, v) == pytest.approx(top, abs=0.03)
     # two parabolas: 0.1 d^2 in all against d^2 / 2 (slack / cell)^2
-    u, v, _, _ = climb(field, 18.0, 20.0, 0.0, ends, 100, CELL_M, numbers_of(0.1, 0.2, 1e3))
+    u, v, _, _ = climb(field, None, 18.0, 20.0, 0.0, ends, 100, CELL_M, numbers_of(0.1, 0.2, 1e3))
     pull = 0.1 / (0.1 + 0.5 * (CELL_M / 0.2) ** 2)
     assert (u, v) == pytest.approx((18.0 + 2.4 * pull, 20.0 - 1.1 * pull), abs=0.03)
     ring = draw.uniform(-8, 8, (30, 2))
     start = 1.0
     bumpy = -draw.random((41, 41)).astype(np.float32)
-    u, v, heading, value = climb(bumpy, 20.0, 20.0, start, ring, 30, CELL_M, numbers_of(1.0, 1.0, 1.0))
+    u, v, heading, value = climb(bumpy, None, 20.0, 20.0, start, ring, 30, CELL_M, numbers_of(1.0, 1.0, 1.0))
     tie = ((u - 20.0) ** 2 + (v - 20.0) ** 2) * CELL_M**2 / 2 + (heading - start) ** 2 / 2
     assert value == pytest.approx(field_fit(bumpy, u, v, heading, ring, 30) - tie, abs=1e-6)
     assert value > field_fit(bumpy, 20.0, 20.0, start, ring, 30)
