@@ -33,9 +33,23 @@ def focused(page: Any) -> str:
     return identity
 
 
+SHOWN = """async () => {
+  const drawn = new Promise((resolve) => requestAnimationFrame(() => resolve(true)));
+  const waited = new Promise((resolve) => setTimeout(() => resolve(false), 2000));
+  const draws = await Promise.race([drawn, waited]);
+  return { draws, visible: document.visibilityState, text: document.body.innerText };
+}"""
+"""What a page shows, and whether the browser has it draw pictures."""
+
+
 def until(page: Any, condition: str, seconds: float = 90) -> None:
-    """Wait until a condition, in the words of the browser, holds."""
-    page.wait_for_function(f"() => {condition}", timeout=1000 * seconds)
+    """Wait until a condition, in the words of the browser, holds; say what the page shows if it does not."""
+    from playwright.sync_api import TimeoutError as LateError  # who has a page has that
+
+    try:
+        page.wait_for_function(f"() => {condition}", timeout=1000 * seconds)
+    except LateError as error:
+        raise AssertionError(f"{condition} does not hold after {seconds} s: {page.evaluate(SHOWN)}") from error
 
 
 def tailoring(page: Any) -> None:
