@@ -39,8 +39,8 @@ PAIR: Final = STATIC / "pair.html"
 """Page that has the pages of two runs in frames."""
 MOST_PAGES: Final = 32
 """Maximum number of open WebSockets."""
-PATIENCE_S: Final = 60.0
-"""Time after which a page that reads nothing, or answers no ping, is given up: its computer may be busy for long."""
+PATIENCE_S: Final = 20.0
+"""Time after which a page that reads nothing, or answers no ping, is given up."""
 _PERIOD_S: Final = 0.04
 """Interval between two messages to a page: what a screen can show."""
 _ERRORS: Final = 16
