@@ -2,10 +2,12 @@
 
 Each page has a task that sends and one that receives. A message is composed when the page can take it, from what there
 is then: a slow page gets the newest state and no backlog, and nothing waits for it. So what the server keeps for a page
-that reads nothing is one message, and after ``PATIENCE_S`` that page is given up.
+that reads nothing is one message, and after ``PATIENCE_S`` that page is given up. Why a connection has ended is logged
+(at the level INFO, by the name of this module); a page that finds it ended connects again.
 """
 
 import asyncio
+import logging
 import socket
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -48,7 +50,12 @@ _ERRORS: Final = 16
 _QUESTIONS: Final = 32
 """Maximum number of questions about the timeline of a page that wait."""
 _TRY_AGAIN: Final = 1013
-"""Code of a WebSocket that is closed since the server is busy (RFC 6455, as registered with IANA)."""
+"""Code of a WebSocket that is closed since the server is busy (RFC 6455, as registered with IANA),"""
+_FAILED: Final = 1011
+"""and of one that is closed since the server has failed."""
+_LONGEST_REASON: Final = 123
+"""Maximum length of the reason for which a WebSocket is closed, B (RFC 6455, section 5.5)."""
+_LOG: Final = logging.getLogger(__name__)
 
 
 class Session(Protocol):
@@ -133,22 +140,34 @@ class Server:
             await page.close(_TRY_AGAIN, "too many pages are open")
             return
         self.open += 1
+        number = next(self._numbers)
         waiting = Waiting()
-        tasks = {asyncio.create_task(each(session, page, waiting)) for each in (self._send, self._receive)}
+        talk = self._send(session, page, waiting, number), self._receive(session, page, waiting)
+        tasks = [asyncio.create_task(each) for each in talk]
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self.open -= 1
             for task in tasks:
                 task.cancel()
-            ended = await asyncio.gather(*tasks, return_exceptions=True)
-        for fault in ended:  # a TimeoutError, of a page that reads nothing, is an OSError
-            if isinstance(fault, Exception) and not isinstance(fault, WebSocketDisconnect | RuntimeError | OSError):
+            await asyncio.gather(*tasks, return_exceptions=True)
+        for fault in [task.exception() for task in done]:
+            if isinstance(fault, _EndedError):
+                _LOG.info("page %d: %s", number, fault)
+            elif fault is not None:
+                await self._fail(page, fault)
                 raise fault
 
-    async def _send(self, session: Session, page: WebSocket, waiting: "Waiting") -> None:
+    async def _fail(self, page: WebSocket, fault: BaseException) -> None:
+        """Close the connection of *page*, and tell it why."""
+        why = f"{type(fault).__name__}: {fault}".encode()[:_LONGEST_REASON].decode(errors="ignore")
+        with suppress(RuntimeError, OSError, WebSocketDisconnect):  # it is closed already, or reads nothing
+            async with asyncio.timeout(self._patience_s):
+                await page.close(_FAILED, why)
+
+    async def _send(self, session: Session, page: WebSocket, waiting: "Waiting", number: int) -> None:
         """Send the scene, then what is new, as often as a screen can show it and the page can take it."""
-        await self._deliver(page, {"say": "scene"} | session.scene | {"page": next(self._numbers)})
+        await self._deliver(page, {"say": "scene"} | session.scene | {"page": number})
         cursor: Cursor | None = None
         known: Known | None = None
         while True:
@@ -176,16 +195,24 @@ class Server:
                 waiting.asked.clear()
 
     async def _deliver(self, page: WebSocket, message: Plain | bytes) -> None:
-        """Send *message*, after what the page has still to read; raise TimeoutError if it reads nothing for long."""
-        async with asyncio.timeout(self._patience_s):
-            await (page.send_bytes(message) if isinstance(message, bytes) else page.send_text(written(message)))
+        """Send *message*, after what the page has still to read; raise _EndedError if it reads nothing for long."""
+        text = "" if isinstance(message, bytes) else written(message)
+        try:
+            async with asyncio.timeout(self._patience_s):
+                await (page.send_bytes(message) if isinstance(message, bytes) else page.send_text(text))
+        except TimeoutError:
+            raise _EndedError(f"it has read nothing for {self._patience_s:g} s") from None
+        except (RuntimeError, WebSocketDisconnect) as fault:  # the former if the server has closed it by itself
+            raise _EndedError(f"it can be sent nothing any more: {fault!r}") from None
 
     async def _receive(self, session: Session, page: WebSocket, waiting: "Waiting") -> None:
-        """Do what the page asks for; answer what is malformed, or cannot be done, by an error."""
+        """Do what the page asks for; answer what is malformed, or cannot be done, by an error. Raise _EndedError."""
         while True:
             message = await page.receive()
             if message["type"] == "websocket.disconnect":
-                return
+                raise _EndedError(
+                    f"it is closed, code {message['code']}: {message.get('reason') or 'no reason is given'}"
+                )
             given = message.get("text")
             wish = None
             try:
@@ -202,6 +229,10 @@ class Server:
                     session.wish(wish)
             except UserError as fault:
                 waiting.faults.append(error(str(fault), wish))
+
+
+class _EndedError(Exception):
+    """The connection of a page has ended, or is to, for a reason that lies in the page or in between."""
 
 
 class Waiting:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosedError, InvalidStatus
 
 from cosim.errors import UserError
 from cosim.scenario import Scenario
@@ -252,7 +252,8 @@ def eventually(holds: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def test_a_page_that_reads_nothing_for_long_is_given_up():
+def test_a_page_that_reads_nothing_for_long_is_given_up(caplog: pytest.LogCaptureFixture):
+    caplog.set_level("INFO", "cosim.web.server")
     loud = Loud()
     served = Served(loud, patience_s=1.5)
     with deaf(served, loud):
@@ -260,6 +261,38 @@ def test_a_page_that_reads_nothing_for_long_is_given_up():
         eventually(lambda: not served.uvicorn.server_state.tasks)
     eventually(lambda: not served.uvicorn.server_state.connections)
     served.stop()
+    assert [record.getMessage() for record in caplog.records] == ["page 0: it has read nothing for 1.5 s"]
+
+
+class Failing(Loud):
+    """A session of which nothing can be read any more."""
+
+    def __init__(self, fault: Exception) -> None:
+        super().__init__()
+        self.fault = fault
+
+    def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
+        raise self.fault
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (OSError(5, "Input/output error"), "OSError: [Errno 5] Input/output error"),
+        (RuntimeError("ä" * 99), "RuntimeError: ä"),
+    ],
+)
+def test_a_session_that_fails_tells_its_pages_why(fault: Exception, said: str, capfd: pytest.CaptureFixture[str]):
+    served = Served(Failing(fault))
+    with served.connect() as page:
+        next_of(page, "scene")
+        with pytest.raises(ConnectionClosedError) as closed:
+            page.recv(timeout=60)
+    served.stop()
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 1011
+    assert closed.value.rcvd.reason.startswith(said)
+    assert str(fault) in capfd.readouterr().err  # with its place
 
 
 @pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")  # what was not read has been left in the connection

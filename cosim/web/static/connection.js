@@ -1,14 +1,23 @@
-// The WebSocket to the server that this page came from: it reports when it is lost, and reconnects on request.
+// The WebSocket to the server that this page came from: it reports when it is lost, and connects again by itself.
 
-/** A connection that can be opened again; messages are objects with a `say`, or bytes. */
+const WAIT_MS = 1000; // from a loss to the first attempt; each vain one doubles it
+const LONGEST_WAIT_MS = 30000;
+
+/** A connection that is opened again when it is lost; messages are objects with a `say`, or bytes. */
 export class Connection {
   /**
    * @param {{message: (message: object) => void, bytes?: (buffer: ArrayBuffer) => void, opened: () => void, lost: (why: string) => void}} told
+   *   take a message, take a binary one, note that the server talks, note that it does not, or not any more
    */
   constructor(told) {
     this.told = told;
     this.socket = null;
+    this.wait_ms = WAIT_MS;
+    this.attempt = 0; // timer of the next attempt
     window.addEventListener("pagehide", () => this.socket?.close());
+    document.addEventListener("visibilitychange", () => {
+      if (!document.hidden && this.attempt) this.connect(false); // timers of a page out of sight are slow
+    });
   }
 
   /** True if something that is sent now may arrive. */
@@ -16,28 +25,32 @@ export class Connection {
     return this.socket?.readyState === WebSocket.OPEN;
   }
 
-  /** Connect; an older connection is closed without a report. */
-  connect() {
+  /** Connect, and close an older connection, which is not reported. An attempt in vain is, if somebody asked for it. */
+  connect(asked = true) {
+    clearTimeout(this.attempt);
+    this.attempt = 0;
     this.socket?.close();
     const address = new URL(`socket${location.search}`, location.href); // of a page in a frame: beside it
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
-    let was_open = false;
+    const begun_ms = performance.now();
+    let talks = false;
     this.socket = socket;
     socket.binaryType = "arraybuffer";
-    socket.addEventListener("open", () => {
-      was_open = true;
-      if (socket === this.socket) this.told.opened();
-    });
     socket.addEventListener("message", (event) => {
       if (socket !== this.socket) return;
+      if (!talks) this.told.opened();
+      talks = true;
       if (event.data instanceof ArrayBuffer) this.told.bytes?.(event.data);
       else this.told.message(JSON.parse(event.data));
     });
     socket.addEventListener("close", (event) => {
       if (socket !== this.socket) return;
       this.socket = null;
-      this.told.lost(reason(event, was_open));
+      if (talks && performance.now() - begun_ms > LONGEST_WAIT_MS) this.wait_ms = WAIT_MS; // else it fails again and again
+      this.attempt = setTimeout(() => this.connect(false), this.wait_ms);
+      this.wait_ms = Math.min(2 * this.wait_ms, LONGEST_WAIT_MS);
+      if (asked || talks) this.told.lost(reason(event, talks));
     });
   }
 
@@ -49,9 +62,11 @@ export class Connection {
   }
 }
 
-function reason(event, was_open) {
-  if (event.code === 1013) return "Too many pages are open.";
-  if (event.code === 1009) return "The server found a message too long.";
-  if (event.code === 1012) return "The server has been ended.";
-  return was_open ? "The server is gone." : "The server does not answer, or does not want to talk to this page.";
+function reason({ code, reason }, talked) {
+  if (code === 1013) return "Too many pages are open.";
+  if (code === 1009) return "The server found a message too long.";
+  if (code === 1012) return "The server has been ended.";
+  if (!talked) return "The server does not answer, or does not want to talk to this page.";
+  if (code === 1006) return "The server is gone."; // nobody has said why
+  return `The server has ended the connection: ${reason || code}.`;
 }

@@ -331,8 +331,7 @@ def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Browser, c
         choose(page, "deploy/wave")
         page.click("#execute")  # into the void
         until(page, "document.getElementById('trouble-text').textContent === 'the server is gone'")
-        again = Served(Still(consoles), port=served.port, page=PAGE)
-        page.click("#reconnect")
+        again = Served(Still(consoles), port=served.port, page=PAGE)  # the page comes back by itself
         until(page, "document.getElementById('state').textContent === 'playing'")
         page.wait_for_selector("#tasks li")
         assert page.is_hidden("#trouble")
