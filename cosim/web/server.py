@@ -153,7 +153,7 @@ class Server:
             await asyncio.gather(*tasks, return_exceptions=True)
         for fault in [task.exception() for task in done]:
             if isinstance(fault, _EndedError):
-                _LOG.info("page %d: %s", number, fault)
+                _LOG.info("page %d: %s", number, str(fault))  # a record that has the fault keeps its frames
             elif fault is not None:
                 await self._fail(page, fault)
                 raise fault
