@@ -83,7 +83,7 @@ def test_the_filter_by_features_assumes_the_true_errors_of_odometry_and_that_by_
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", figures.FILTERS)
 def test_a_run_has_its_thresholds_from_a_pilot_and_tells_all_columns(kind: str) -> None:
-    sets = ("map=corridor", f"filter={kind}", "range_m=2.5", "scenario.duration_s=40", "pilot_s=20")
+    sets = ("map=corridor", f"filter={kind}", "range='2.5 m'", "scenario.duration_s=40", "pilot_s=20")
     steady, strict = (
         measure(load_experiment(SHEET, [*sets, f"position='{position}'"]).arms[0].parameters, 900001)
         for position in (figures.CONSTANT, figures.STOPS[1])
@@ -140,7 +140,7 @@ def test_rows_hold_where_the_paper_is_right_and_fail_where_it_is_wrong() -> None
     ],
 )
 def test_a_row_is_judged_by_its_floor_filter_scanner_and_thresholds_alone(position: str, tests: set[str]) -> None:
-    spoilt = {"map": "office", "filter": "features", "range_m": 8.0, "position": position}
+    spoilt = {"map": "office", "filter": "features", "range": "8 m", "position": position}
     failed = {test for test, holds in answers(runs_of(1, spoilt)).items() if holds is False}
     assert failed == {f"{test}_office_features_8" for test in tests}
 

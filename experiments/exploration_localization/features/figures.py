@@ -18,7 +18,7 @@ TIME: Final = "until_95_s"
 """The time until 95 % had been seen; of a run that never came so far the longest, a lower bound."""
 MAPS: Final = axis_titles(Path(__file__).parent)["map"]
 FILTERS: Final = ("features", "grid")
-RANGES_M: Final = {"2": 2.5, "8": 8.0}
+RANGES: Final = {"2": "2.5 m", "8": "8 m"}
 """Ranges of the scanner, by what tests are called."""
 CONSTANT: Final = "constant speed"
 STOPS: Final = {1: "stop at 1 median", 2: "stop at 2 medians", 4: "stop at 4 medians"}
@@ -32,8 +32,8 @@ MOSTLY: Final = 0.5
 class Place:
     """Arms on one floor with one filter and one range of the scanner."""
 
-    def __init__(self, floor: str, kind: str, range_m: float) -> None:
-        self._own: Arm = {"map": floor, "filter": kind, "range_m": range_m}
+    def __init__(self, floor: str, kind: str, reach: str) -> None:
+        self._own: Arm = {"map": floor, "filter": kind, "range": reach}
 
     def arm(self, position: str) -> Arm:
         """Return the arm with such a threshold."""
@@ -79,8 +79,8 @@ def waiting(place: Place, runs: pd.DataFrame, observations: pd.DataFrame) -> Ans
 # ---------------------------------------------------------------- the tests that published.csv names
 
 PLACES: Final = {
-    f"{floor}_{kind}_{name}": Place(floor, kind, range_m)
-    for floor, kind, (name, range_m) in product(MAPS, FILTERS, RANGES_M.items())
+    f"{floor}_{kind}_{name}": Place(floor, kind, reach)
+    for floor, kind, (name, reach) in product(MAPS, FILTERS, RANGES.items())
 }
 TESTS: Final = (maps, places, costs, stricter, localised, waiting)
 globals().update({f"{test.__name__}_{name}": partial(test, place) for test in TESTS for name, place in PLACES.items()})
