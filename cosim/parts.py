@@ -14,6 +14,9 @@ All parts of a table have one schema: any reader takes the folder as it is. When
 type, the parts that are there are written anew before anything else is. Parts of one minute are merged into one, or
 into several of ``MOST_ROWS`` runs. In both cases the new part is on the disk before the old ones go: a run may be in
 two parts if the process was killed in between, and the first counts.
+
+Who reads while another process writes may find a part gone that was there: FileNotFoundError. ``Parts.steady`` looks
+again; nothing is left out without a word.
 """
 
 import hashlib
@@ -23,7 +26,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, TypeVar
 
 from cosim.columns import conformed, schema_of
 from cosim.errors import UserError
@@ -40,6 +43,10 @@ MINUTE_S: Final = 60.0
 """Parts that were written within the same such span are merged."""
 MOST_ROWS: Final = 4000
 """Number of runs that parts are merged up to: a sweep looks at parts one by one, and so never holds more than that."""
+
+TRIES: Final = 5
+"""How often one reads parts that another process merges meanwhile; it does so once a minute."""
+T = TypeVar("T")
 
 _NAME: Final = re.compile(r"part-(?P<number>\d+)-(?P<runs>[0-9a-f]{16})(?:-(?P<observations>[0-9a-f]{16}))?\.parquet")
 """The name of a part: the digests of its runs and of its observations. Those of older programs tell none."""
@@ -59,9 +66,30 @@ class Parts:
 
     def whole(self) -> list[Path]:
         """Return the parts of ``runs`` whose observations are there, if they had any."""
-        there = {part.name for part in self.files("observations")}
-        names = [(part, _NAME.fullmatch(part.name)) for part in self.files("runs")]
-        return [part for part, name in names if not (name and name["observations"]) or part.name in there]
+        files = self._listing()
+        there = {part.name for part in files["observations"]}
+        return [part for part in files["runs"] if part.name in there or not _has_observations(part)]
+
+    def _listing(self) -> dict[str, list[Path]]:
+        """Return the files of each table as they are at one instant.
+
+        A writer adds a merged part before it removes the old ones. Whoever lists in between may see neither, but not
+        twice running.
+        """
+        before: dict[str, list[Path]] = {}
+        while (files := {table: self.files(table) for table in TABLES}) != before:
+            before = files
+        return files
+
+    def steady(self, read: Callable[[], T]) -> T:
+        """Return what *read* returns of these parts, again from the start if another process removes one meanwhile.
+
+        Raise UserError if that happens each time.
+        """
+        for _ in range(TRIES):
+            with suppress(FileNotFoundError):
+                return read()
+        raise UserError(f"{self.folder}: parts went while they were read, {TRIES} times; is something removing them?")
 
     def whole_of(self, table: str) -> list[Path]:
         """Return the files of *table* that belong to whole parts."""
@@ -140,9 +168,8 @@ class Parts:
         for part in self.whole():
             keys = self.keys(part)
             new = set(keys) - seen
-            file = self.folder / table / part.name
-            if new and (table == "runs" or file.is_file()):
-                yield _only(self.read(file), new, seen)
+            if new and self._has(table, part):
+                yield _only(self.read(self.folder / table / part.name), new, seen)
             seen |= new
 
     # ------------------------------------------------------------ writing
@@ -188,24 +215,24 @@ class Parts:
         os.utime(merged, (written, written))  # it is as old as what it holds
         self.remove([part for part in parts if part != merged])
 
-    def take(self, others: "Parts", columns: Mapping[str, Sequence[Field]], there: set[Key]) -> int:
-        """Add a part for each part of *others*, without rows whose keys are *there*; return how many rows are new."""
-        added = 0
+    def _has(self, table: str, part: Path) -> bool:
+        """Return whether *part*, a file of ``runs``, has one of *table*: as its name tells, if it is no older one."""
+        return table == "runs" or _has_observations(part) or (self.folder / table / part.name).is_file()
+
+    def take(self, others: "Parts", columns: Mapping[str, Sequence[Field]], there: set[Key]) -> None:
+        """Add a part for each part of *others*, without rows whose keys are *there*; add their keys to those."""
         for part in others.whole():
             keys = others.keys(part)
             new = set(keys) - there
             tables = {}
             for table in TABLES:
-                file = others.folder / table / part.name
-                if new and file.is_file():
-                    rows = _only(others.read(file), new, there)
+                if new and others._has(table, part):
+                    rows = _only(others.read(others.folder / table / part.name), new, there)
                     if table == "runs" or len(rows):
                         tables[table] = conformed(rows, columns[table])
             if tables:
                 self.add(tables)
             there |= new
-            added += len(new)
-        return added
 
     def drop(self, keys: set[Key], columns: Mapping[str, Sequence[Field]]) -> None:
         """Remove all rows with one of *keys*."""
@@ -313,6 +340,12 @@ class Parts:
     def _list(self, digests: Mapping[str, str]) -> None:
         with drafted(self.folder / MANIFEST) as draft:
             draft.write_text("".join(_lines(digests)), "ascii")
+
+
+def _has_observations(part: Path) -> bool:
+    """Return whether the name of *part* tells of observations."""
+    name = _NAME.fullmatch(part.name)
+    return bool(name and name["observations"])
 
 
 @contextmanager

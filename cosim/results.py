@@ -8,6 +8,7 @@ All parts of a table have the same columns (``cosim.parts``). A sweep resumes by
 without the keys (configuration digest, seed, code digest) that are there.
 """
 
+import functools
 import hashlib
 import itertools
 import json
@@ -20,7 +21,7 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import time
-from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, Self, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Row: TypeAlias = dict[str, Any]
+P = ParamSpec("P")
+T = TypeVar("T")
 
 KEY: Final = (
     Field("configuration", "str", "", "SHA-256 of the run's settings with all defaults"),
@@ -169,6 +172,16 @@ class SweepDescription(Settings):
         return len(self.configurations) * self.replicates
 
 
+def _steady(read: "Callable[Concatenate[RunStore, P], T]") -> "Callable[Concatenate[RunStore, P], T]":
+    """Have *read*, a method that reads parts, begin again where a sweep merges them meanwhile."""
+
+    @functools.wraps(read)
+    def again(store: "RunStore", /, *args: P.args, **named: P.kwargs) -> T:
+        return store.parts.steady(lambda: read(store, *args, **named))
+
+    return again
+
+
 class RunStore:
     """The results in one folder: ``writing`` creates it, empty tables and all, and reading creates nothing."""
 
@@ -197,6 +210,7 @@ class RunStore:
         finally:
             os.close(lock)  # the kernel lets the lock go with it, also when the process is killed
 
+    @_steady
     def done(self, told: SweepDescription) -> "npt.NDArray[np.bool_]":
         """Return for each arm and replicate of *told* whether its run is there: (arms, replicates)."""
         found = np.zeros((len(told.configurations), told.replicates), dtype=bool)
@@ -208,6 +222,7 @@ class RunStore:
                         found[arm, seed - told.seed] = True
         return found
 
+    @_steady
     def values(self, told: SweepDescription, metric: str) -> dict[int, dict[int, float]]:
         """Return the values of *metric*, a column of ``runs``, by arm of *told* and replicate, NaN for none."""
         arms, chosen = _arms_of(told), self.chosen(told)
@@ -222,6 +237,7 @@ class RunStore:
                         found[arm][row["seed"] - told.seed] = math.nan if value is None else float(value)
         return found
 
+    @_steady
     def failed(self, told: SweepDescription) -> list[Row]:
         """Return those rows of *told* that tell of a failure, without their metrics."""
         names = [field.name for field in FIXED]
@@ -237,6 +253,7 @@ class RunStore:
         if keys:
             self.parts.drop(keys, self.columns)
 
+    @_steady
     def seconds_of_runs(self, told: SweepDescription) -> dict[int, float]:
         """Return how long a run of each arm of *told* takes on average, as far as any was made, by whatever code."""
         arms = _arms_of(told)
@@ -321,6 +338,7 @@ class RunStore:
             plain["seed"] = self._first_seed()
         return validated(SweepDescription, plain, str(path))
 
+    @_steady
     def _first_seed(self) -> int:
         """Return the seed of the first replicate, by any row that is there."""
         for part in self.parts.whole():
@@ -344,10 +362,12 @@ class RunStore:
         frame: pd.DataFrame = self.present_rows(table).to_pandas(use_threads=False)
         return frame
 
+    @_steady
     def rows(self, table: str) -> Any:
         """Return what ``read`` returns as an Arrow table, with unit and meaning of each column."""
         return self._joined(table, lambda part: part)
 
+    @_steady
     def present_rows(self, table: str) -> Any:
         """Return what ``present`` returns as an Arrow table, with unit and meaning of each column."""
         import pyarrow as pa
@@ -374,6 +394,7 @@ class RunStore:
         empty = [name for name in found.column_names if found[name].null_count == len(found) and name not in fixed]
         return found.drop_columns(empty if len(found) else [])
 
+    @_steady
     def chosen(self, told: SweepDescription) -> dict[tuple[str, int], str]:
         """Return which code's row counts for each configuration and seed of *told*: its own, or one accepted."""
         arms, seeds = _arms_of(told), range(told.seed, told.seed + told.replicates)
@@ -412,12 +433,14 @@ class RunStore:
             table = kept.add_column(place, arrow_field(field), column)
         return table
 
+    @_steady
     def units(self) -> dict[str, tuple[str, str]]:
         """Return (unit, meaning) of every column of ``runs``."""
         schemas = [self.parts.read(part).schema for part in self.parts.whole()]
         described = [(field.name, field.metadata or {}) for schema in schemas for field in schema]
         return {name: (each.get(b"unit", b"").decode(), each.get(b"meaning", b"").decode()) for name, each in described}
 
+    @_steady
     def columns_of(self, table: str) -> list[Field]:
         """Return all columns of the parts of *table*."""
         schemas = (self.parts.schema(part) for part in self.parts.whole_of(table))

@@ -1,7 +1,7 @@
 """What folders of results hold, and how they are looked after: status, content, damage, merging and pruning."""
 
 from collections.abc import Sequence
-from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from time import time
 from typing import Any, Final, NamedTuple
@@ -13,10 +13,6 @@ from cosim.results import RUN, RunStore
 
 LATELY_S: Final = 300.0
 """Span over which ``status`` averages how fast runs are finished."""
-
-
-TRIES: Final = 5
-"""How often one reads parts that another process merges meanwhile."""
 
 
 class Status(NamedTuple):
@@ -74,7 +70,7 @@ def told_time(seconds: float) -> str:
 
 def code_of(store: RunStore, start: str) -> str:
     """Return the digest of the code that made rows here and begins with *start*; raise UserError if none does."""
-    codes = sorted({key[2] for part in store.parts.whole() for key in store.parts.keys(part)})
+    codes = sorted({key[2] for key in _keys(store)})
     found = [code for code in codes if code.startswith(start)]
     if len(found) != 1:
         known = ", ".join(code[:12] for code in codes) or "none"
@@ -86,10 +82,7 @@ def code_of(store: RunStore, start: str) -> str:
 
 def status(store: RunStore) -> Status:
     """Return how far the last sweep into this folder is."""
-    for _ in range(TRIES):
-        with suppress(FileNotFoundError):  # the sweep has merged parts while they were read
-            return _status(store)
-    return _status(store)
+    return store.parts.steady(lambda: _status(store))
 
 
 def _status(store: RunStore) -> Status:
@@ -108,6 +101,10 @@ def _status(store: RunStore) -> Status:
 
 def content(store: RunStore) -> Content:
     """Return what this folder holds: of the last sweep, and of others."""
+    return store.parts.steady(lambda: _content(store))
+
+
+def _content(store: RunStore) -> Content:
     told = store.description()
     chosen = store.chosen(told)
     rows: dict[tuple[str, str], int] = {}
@@ -150,16 +147,21 @@ def merge(store: RunStore, others: Sequence[RunStore]) -> int:
             raise UserError(f"{other.folder}: was made by other code, or with other libraries ({theirs})")
     if (store.folder / "sweep.json").is_file() and store.description().configurations != told[0].configurations:
         raise UserError(f"{store.folder}: holds another sweep, expected a folder of its own")
-    added = 0
     with store.writing():
         most = max(each.replicates for each in told)
         store.describe(told[0].model_copy(update={"replicates": most}))
         columns = {table: union((), *(other.columns_of(table) for other in others)) for table in TABLES}
         store.declare(columns["runs"], columns["observations"])
-        there = {key for part in store.parts.whole() for key in store.parts.keys(part)}
+        there = _keys(store)
+        before = len(there)
         for other in others:
-            added += store.parts.take(other.parts, store.columns, there)
-    return added
+            other.parts.steady(partial(store.parts.take, other.parts, store.columns, there))
+    return len(there) - before
+
+
+def _keys(store: RunStore) -> set[Key]:
+    """Return the keys of all rows."""
+    return store.parts.steady(lambda: {key for part in store.parts.whole() for key in store.parts.keys(part)})
 
 
 def prune(store: RunStore, dry_run: bool = False) -> int:

@@ -161,9 +161,69 @@ def test_each_row_of_another_folder_is_taken_once(parts: Parts, tmp_path: Path):
     other.merge([added(other, seed, robots=seed) for seed in (1, 2)], COLUMNS)
     added(other, 3)
     there: set[Key] = {("c", 1, "k")}
-    assert parts.take(other, COLUMNS, there) == 2
-    assert parts.take(other, COLUMNS, there) == 0
+    for _ in range(2):
+        parts.take(other, COLUMNS, there)
+        assert sorted(seed for _, seed, _ in there) == [1, 2, 3]
     assert (seeds(parts), seeds(parts, "observations")) == ([1, 2, 3], [1, 2, 2])
+
+
+# ---------------------------------------------------------------- reading while another process merges
+
+
+class Meanwhile:
+    """Lets another process act at an instant of a read: before or after it looks into the folder or a file."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, at: int, act: Callable[[], None]) -> None:
+        self.acted = False
+        self._left, self._act = at, act
+        for name in ("files", "read", "schema"):
+            monkeypatch.setattr(Parts, name, self._around(getattr(Parts, name)))
+
+    def _around(self, look: Callable[..., Any]) -> Callable[..., Any]:
+        def looking(*given: Any, **named: Any) -> Any:
+            self._pass()
+            found = look(*given, **named)
+            self._pass()
+            return found
+
+        return looking
+
+    def _pass(self) -> None:
+        if self._left == 0 and not self.acted:
+            self.acted = True
+            self._act()
+        self._left -= 1
+
+
+@pytest.mark.parametrize("seeds", [(1, 2, 3), (2, 3)])  # of the run with seed 1 nothing was observed
+@pytest.mark.parametrize("table", ["runs", "observations"])
+def test_who_reads_while_parts_are_merged_misses_nothing(
+    table: str, seeds: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    expected = {"runs": [*seeds], "observations": [2, 3, 3]}[table]
+    for instant in range(100):
+        folder = tmp_path / f"{instant}"
+        for each in ("runs", "observations"):
+            (folder / each).mkdir(parents=True)
+        parts, other = Parts(folder), Parts(folder)
+        merged = [added(parts, seed, robots=seed - 1) for seed in seeds]
+        with monkeypatch.context() as patch:
+            meanwhile = Meanwhile(patch, instant, lambda: other.merge(merged, COLUMNS))  # noqa: B023  # called within
+            found = RunStore(folder).rows(table)
+        assert sorted(found["seed"].to_pylist()) == expected, instant
+        if not meanwhile.acted:
+            break
+    assert instant > 10  # instants at which it was done
+
+
+def test_a_folder_that_something_empties_is_told_of(parts: Parts, monkeypatch: pytest.MonkeyPatch):
+    def gone(*_: Any) -> None:
+        raise FileNotFoundError(2, "No such file or directory")
+
+    added(parts, 1)
+    monkeypatch.setattr(Parts, "read", gone)
+    with pytest.raises(UserError, match=r"parts went while they were read, 5 times; is something removing them\?$"):
+        RunStore(parts.folder).rows("runs")
 
 
 # ---------------------------------------------------------------- the manifest

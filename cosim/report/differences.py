@@ -170,6 +170,10 @@ def _side(folder: Path) -> _Side:
 def _metadata(folder: Path, codes: set[str]) -> dict[str, str]:
     """Return what the newest part of the runs that one of *codes* has made tells of its making."""
     parts = Parts(folder)
+    return parts.steady(lambda: _metadata_of(parts, codes))
+
+
+def _metadata_of(parts: Parts, codes: set[str]) -> dict[str, str]:
     for part in reversed(parts.whole_of("runs")):
         table = parts.read(part)
         if codes.intersection(table["code"].to_pylist()):
