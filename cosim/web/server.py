@@ -1,6 +1,7 @@
 """The server of one session: its page, what that loads, and a WebSocket over which they talk.
 
-Each page has a task that sends and one that receives. A message is composed when the page can take it, from what there
+Each page has a task that sends, one that receives, and one that computes longer answers beside the two: whoever does
+not receive hears no pong either. A message is composed when the page can take it, from what there
 is then: a slow page gets the newest state and no backlog, and nothing waits for it. So what the server keeps for a page
 that reads nothing is one message, and after ``PATIENCE_S`` that page is given up. Why a connection has ended is logged
 (at the level INFO, by the name of this module); a page that finds it ended connects again.
@@ -48,7 +49,8 @@ _PERIOD_S: Final = 0.04
 _ERRORS: Final = 16
 """Maximum number of error messages that wait for a page."""
 _QUESTIONS: Final = 32
-"""Maximum number of questions about the timeline of a page that wait."""
+"""Maximum number of questions of a page that wait: about the timeline, and others whose answers take long."""
+_TOO_MANY: Final = "too many questions wait: ask when the last ones have been answered"
 _TRY_AGAIN: Final = 1013
 """Code of a WebSocket that is closed since the server is busy (RFC 6455, as registered with IANA),"""
 _FAILED: Final = 1011
@@ -142,7 +144,7 @@ class Server:
         self.open += 1
         number = next(self._numbers)
         waiting = Waiting()
-        talk = self._send(session, page, waiting, number), self._receive(session, page, waiting)
+        talk = self._send(session, page, waiting, number), self._receive(session, page, waiting), _compute(waiting)
         tasks = [asyncio.create_task(each) for each in talk]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -219,9 +221,9 @@ class Server:
                 asked = parsed(message.get("bytes") or b"" if given is None else given)
                 if isinstance(asked, AskReach):
                     place = asked.x_m, asked.y_m
-                    waiting.faults.append(await asyncio.to_thread(reach, session.scene, asked.robot, place))
+                    waiting.compute(partial(reach, session.scene, asked.robot, place))
                 elif isinstance(asked, AskMap | AskScan):
-                    waiting.faults.append(await asyncio.to_thread(session.answer, asked))
+                    waiting.compute(partial(session.answer, asked))
                 elif isinstance(asked, Question):
                     waiting.ask(asked)
                 else:
@@ -229,6 +231,16 @@ class Server:
                     session.wish(wish)
             except UserError as fault:
                 waiting.faults.append(error(str(fault), wish))
+
+
+async def _compute(waiting: "Waiting") -> None:
+    """Compute answers one after the other, each in a thread; whatever else than a UserError one raises is raised."""
+    while True:
+        answer = await waiting.computations.get()
+        try:
+            waiting.faults.append(await asyncio.to_thread(answer))
+        except UserError as fault:
+            waiting.faults.append(error(str(fault)))
 
 
 class _EndedError(Exception):
@@ -242,11 +254,20 @@ class Waiting:
         self.faults: deque[Plain] = deque(maxlen=_ERRORS)
         self.questions: deque[Question] = deque()
         self.asked = asyncio.Event()
+        self.computations: asyncio.Queue[Callable[[], Plain]] = asyncio.Queue(_QUESTIONS)
+        """Answers that take long, to be computed by a call."""
+
+    def compute(self, answer: Callable[[], Plain]) -> None:
+        """Have *answer* called; raise UserError if too many wait."""
+        try:
+            self.computations.put_nowait(answer)
+        except asyncio.QueueFull:
+            raise UserError(_TOO_MANY) from None
 
     def ask(self, question: Question) -> None:
         """Have *question* answered; raise UserError if too many wait."""
         if len(self.questions) >= _QUESTIONS:
-            raise UserError("too many questions wait: ask when the last ones have been answered")
+            raise UserError(_TOO_MANY)
         self.questions.append(question)
         self.asked.set()
 

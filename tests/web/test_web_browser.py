@@ -273,6 +273,55 @@ def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Browser, s
         page.faults.clear()
 
 
+WAITS = """
+    window.waits = [];
+    const plain = window.setTimeout;
+    window.setTimeout = (call, ms, ...more) => {
+      if (String(call).includes("connect")) window.waits.push(ms);
+      return plain(call, ms, ...more);
+    };
+"""
+"""Notes how long a page waits until it connects again."""
+
+
+def test_who_asks_for_a_connection_begins_the_waiting_times_anew(browser: Browser, serve: Any):
+    served = serve(live(patient=True, duration_s=1000))
+    page = browser.open()
+    page.add_init_script(WAITS)
+    page.goto(served.address)
+    state(page, "playing")
+    served.stop()
+    page.wait_for_function("() => window.waits.length === 2")
+    page.click("#reconnect")
+    page.wait_for_function("() => window.waits.length === 3")
+    assert page.evaluate("() => window.waits") == [1000, 2000, 1000]
+    page.context.close()
+
+
+HIDDEN = """
+    () => {
+      window.said = [];
+      new MutationObserver(() => window.said.push(document.getElementById("trouble-text").textContent))
+        .observe(document.getElementById("trouble-text"), { childList: true, characterData: true, subtree: true });
+      window.dispatchEvent(new PageTransitionEvent("pagehide", { persisted: true }));
+    }
+"""
+"""What a browser does to a page that is left and may come back, as far as the page can tell."""
+
+
+def test_a_page_that_is_left_and_comes_back_from_the_history_connects_without_a_word(browser: Browser, serve: Any):
+    served = serve(live(playing=False, patient=True))
+    with tab(browser, served) as page:
+        state(page, "paused")
+        page.evaluate(HIDDEN)
+        served.wait_for(0)
+        page.evaluate('() => window.dispatchEvent(new PageTransitionEvent("pageshow", { persisted: true }))')
+        served.wait_for(1)
+        state(page, "paused")
+        assert [said for said in page.evaluate("() => window.said") if said] == []
+        assert page.is_hidden("#trouble")
+
+
 def test_a_page_too_many_says_so_and_comes_when_another_has_gone(
     browser: Browser, serve: Any, monkeypatch: pytest.MonkeyPatch
 ):

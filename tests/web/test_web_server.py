@@ -20,7 +20,7 @@ from cosim.scenario import Scenario
 from cosim.web.guard import HOST
 from cosim.web.history import Cursor
 from cosim.web.live import Live
-from cosim.web.messages import LONGEST, Plain, Wish
+from cosim.web.messages import LONGEST, AskPresent, Plain, Wish
 from cosim.web.server import MOST_PAGES, STATIC, listening
 from cosim.web.timeline import NO_TIMELINE, Timeline
 from protocols.deployment.operator.page import PAGE as PLAYBOOK
@@ -293,6 +293,76 @@ def test_a_session_that_fails_tells_its_pages_why(fault: Exception, said: str, c
     assert closed.value.rcvd.code == 1011
     assert closed.value.rcvd.reason.startswith(said)
     assert str(fault) in capfd.readouterr().err  # with its place
+
+
+class Slow(Loud):
+    """A session that computes for as long as is wished."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wishes: list[Wish] = []
+        self.go_on = threading.Event()
+
+    def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
+        return [], Cursor(0, 0, 0, ())
+
+    def wish(self, wish: Wish) -> None:
+        self.wishes.append(wish)
+
+    def answer(self, asked: AskPresent) -> Plain:
+        assert self.go_on.wait(60)
+        if asked.robot == 2:
+            raise UserError("there is no robot 2")
+        return {"say": "map", "robot": asked.robot}
+
+
+def asked(robot: int) -> str:
+    return json.dumps({"say": "map", "robot": robot})
+
+
+def test_a_page_is_heard_while_an_answer_is_computed_and_has_answers_in_their_order():
+    slow = Slow()
+    served = Served(slow)
+    with served.connect() as page:
+        for robot in (3, 2, 1):
+            page.send(asked(robot))
+        page.send(json.dumps({"say": "pause"}))
+        eventually(lambda: bool(slow.wishes))
+        slow.go_on.set()
+        assert next_of(page, "map")["robot"] == 3
+        assert "there is no robot 2" in str(next_of(page, "error"))
+        assert next_of(page, "map")["robot"] == 1
+    served.stop()
+
+
+def test_a_page_that_asks_for_too_much_at_once_is_told_so():
+    slow = Slow()
+    served = Served(slow)
+    with served.connect() as page:
+        for _ in range(34):  # one is being computed, 32 wait
+            page.send(asked(1))
+        assert "too many questions wait" in str(next_of(page, "error"))
+        slow.go_on.set()
+    served.stop()
+
+
+class Broken(Slow):
+    """A session that cannot answer."""
+
+    def answer(self, asked: AskPresent) -> Plain:
+        raise RuntimeError("it is broken")
+
+
+def test_a_session_that_fails_to_answer_tells_its_page_why(capfd: pytest.CaptureFixture[str]):
+    served = Served(Broken())
+    with served.connect() as page:
+        page.send(asked(1))
+        with pytest.raises(ConnectionClosedError) as closed:
+            next_of(page, "map")
+    served.stop()
+    assert closed.value.rcvd is not None
+    assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1011, "RuntimeError: it is broken")
+    assert "in answer" in capfd.readouterr().err  # with its place
 
 
 @pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")  # what was not read has been left in the connection

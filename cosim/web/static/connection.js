@@ -14,7 +14,10 @@ export class Connection {
     this.socket = null;
     this.wait_ms = WAIT_MS;
     this.attempt = 0; // timer of the next attempt
-    window.addEventListener("pagehide", () => this.socket?.close());
+    window.addEventListener("pagehide", () => this.leave());
+    window.addEventListener("pageshow", (event) => {
+      if (event.persisted) this.connect(false); // it is back from the browser's history
+    });
     document.addEventListener("visibilitychange", () => {
       if (!document.hidden && this.attempt) this.connect(false); // timers of a page out of sight are slow
     });
@@ -25,11 +28,18 @@ export class Connection {
     return this.socket?.readyState === WebSocket.OPEN;
   }
 
-  /** Connect, and close an older connection, which is not reported. An attempt in vain is, if somebody asked for it. */
-  connect(asked = true) {
+  /** Close the connection, which is not reported, and connect no more. */
+  leave() {
     clearTimeout(this.attempt);
     this.attempt = 0;
     this.socket?.close();
+    this.socket = null;
+  }
+
+  /** Connect, and close an older connection, which is not reported. An attempt in vain is, if somebody asked for it. */
+  connect(asked = true) {
+    this.leave();
+    if (asked) this.wait_ms = WAIT_MS;
     const address = new URL(`socket${location.search}`, location.href); // of a page in a frame: beside it
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
