@@ -93,8 +93,7 @@ class Parts:
 
     def whole_of(self, table: str) -> list[Path]:
         """Return the files of *table* that belong to whole parts."""
-        names = {part.name for part in self.whole()}
-        return [part for part in self.files(table) if part.name in names]
+        return [self.folder / table / part.name for part in self.whole() if self._has(table, part)]
 
     def tidy(self) -> None:
         """Clear away what a killed writer left, and list what is there."""

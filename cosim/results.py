@@ -32,7 +32,7 @@ from cosim import __version__
 from cosim.columns import array_of, columns_of_rows, columns_of_schema, conformed, kind_of, table_of, union
 from cosim.documents import validated
 from cosim.errors import UserError
-from cosim.parts import KEY_NAMES, MINUTE_S, Parts, fitting
+from cosim.parts import KEY_NAMES, MINUTE_S, Key, Parts, fitting
 from cosim.protocol import Metric
 from cosim.settings import Count, PlainData, Seed, Settings
 from cosim.trace import Field, arrow_field, drafted
@@ -239,13 +239,17 @@ class RunStore:
 
     @_steady
     def failed(self, told: SweepDescription) -> list[Row]:
-        """Return those rows of *told* that tell of a failure, without their metrics."""
+        """Return those rows of *told* that tell of a failure, without their metrics: each once, also during a merge."""
         names = [field.name for field in FIXED]
         codes = {*told.codes, *told.accepted}
         rows = (row for part in self.parts.whole() for row in self._failures_in(part, names))
         arms = _arms_of(told)
         seeds = range(told.seed, told.seed + told.replicates)
-        return [row for row in rows if row["configuration"] in arms and row["code"] in codes and row["seed"] in seeds]
+        found: dict[Key, Row] = {}
+        for row in rows:
+            if row["configuration"] in arms and row["code"] in codes and row["seed"] in seeds:
+                found.setdefault((row["configuration"], row["seed"], row["code"]), row)
+        return list(found.values())
 
     def drop_failed(self, told: SweepDescription) -> None:
         """Remove the rows of *told* that tell of a failure, so that these runs are made again."""

@@ -108,11 +108,14 @@ def _content(store: RunStore) -> Content:
     told = store.description()
     chosen = store.chosen(told)
     rows: dict[tuple[str, str], int] = {}
+    seen: set[Key] = set()  # during a merge a run is in two parts
     for part in store.parts.whole():
         names = [name for name in ("code", "libraries") if name in store.parts.schema(part).names]
         columns = store.parts.read(part, [*RUN, *names])
         for row in columns.to_pylist():
-            if chosen.get((row["configuration"], row["seed"])) != row["code"]:
+            key = row["configuration"], row["seed"], row["code"]
+            if chosen.get(key[:2]) != row["code"] and key not in seen:
+                seen.add(key)
                 made = row["code"], row.get("libraries") or ""
                 rows[made] = rows.get(made, 0) + 1
     files = [part for table in TABLES for part in store.parts.files(table)]

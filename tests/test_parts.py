@@ -21,6 +21,7 @@ from cosim.parts import MINUTE_S, Key, Parts
 from cosim.results import FIXED, OBSERVATION_FIXED, ReportSettings, RunStore, SweepDescription
 from cosim.sweep import Choice, run_sweep
 from cosim.trace import Field
+from cosim.upkeep import content
 from tests.sweeps import OBSERVED, digest_of, experiment, users_folder
 from tests.tiers import soak_count
 
@@ -214,6 +215,38 @@ def test_who_reads_while_parts_are_merged_misses_nothing(
         if not meanwhile.acted:
             break
     assert instant > 10  # instants at which it was done
+
+
+@pytest.mark.parametrize("table", ["runs", "observations"])
+def test_who_asks_for_columns_while_parts_are_merged_misses_none(
+    table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for instant in range(100):
+        folder = tmp_path / f"{instant}"
+        for each in ("runs", "observations"):
+            (folder / each).mkdir(parents=True)
+        parts, other = Parts(folder), Parts(folder)
+        merged = [added(parts, seed, robots=seed) for seed in (1, 2, 3)]
+        with monkeypatch.context() as patch:
+            meanwhile = Meanwhile(patch, instant, lambda: other.merge(merged, COLUMNS))  # noqa: B023  # called within
+            found = RunStore(folder).columns_of(table)
+        assert [field.name for field in found] == [field.name for field in COLUMNS[table]], instant
+        if not meanwhile.acted:
+            break
+    assert instant > 5  # instants at which it was done
+
+
+def test_in_the_middle_of_a_merge_a_run_counts_once(parts: Parts, monkeypatch: pytest.MonkeyPatch):
+    """Its row is in the new part and still in an old one."""
+    store = RunStore(parts.folder)
+    store.describe(described(2))
+    old = [added(parts, seed, **FAILED) for seed in (1, 2, 3)]  # the last one is of no replicate
+    monkeypatch.setattr(Parts, "remove", lambda *_: None)
+    parts.merge(old, COLUMNS)
+    assert len(parts.whole()) == 4
+    assert [row["seed"] for row in store.failed(described(2))] == [1, 2]
+    told = content(store)
+    assert (told.status.there, told.status.failed, list(told.others.values())) == (2, 2, [1])
 
 
 def test_a_folder_that_something_empties_is_told_of(parts: Parts, monkeypatch: pytest.MonkeyPatch):
