@@ -279,11 +279,12 @@ class Live:
         with self._lock:
             if isinstance(asked, AskMap):
                 return self._beliefs.map(asked.robot, self._moment.time)
-            scanner = self._scanner()
-            if self._sensed is None:
-                raise UserError("this run has not begun")
-            tick, poses, turned_rad = self._sensed
-            return scanner.scan(asked.robot, poses, turned_rad, tick)
+            sensed = self._sensed
+        scanner = self._scanner()  # without the lock: wishes and looks would wait, and the server with them
+        if sensed is None:
+            raise UserError("this run has not begun")
+        tick, poses, turned_rad = sensed
+        return scanner.scan(asked.robot, poses, turned_rad, tick)
 
     def close(self) -> None:
         """Stop the simulation's thread and wait for it; more than once is harmless."""

@@ -1,6 +1,7 @@
 """After any seek the floor shows what robots believed and scanned then, as the tables and the machines have it."""
 
 import math
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from cosim.units import MS, S, Time, to_seconds
 from cosim.web.live import Live
 from cosim.web.messages import AskMap, AskScan, Pause, Plain, Seek, parsed
 from cosim.web.recorded import Recorded
+from cosim.web.scans import Scanner
 from cosim.web.scenes import scene_of, write_scene
 from tests.test_beliefs import EXPLORING, SEEKING, apart, grown
 from tests.web.browser import GRAVE, Browser, axe, tab
@@ -201,6 +203,25 @@ def test_a_run_under_way_shows_the_same(live: Live, tmp_path: Path):
     assert shown["scan"].pop("ranges_m") == pytest.approx(again.pop("ranges_m"), abs=2e-4)
     assert shown["scan"].pop("turned_rad") == pytest.approx(again.pop("turned_rad"))
     assert shown["scan"] == again
+
+
+def test_a_run_under_way_is_paused_and_looked_at_while_a_scan_is_computed(live: Live, monkeypatch: pytest.MonkeyPatch):
+    page = Page(live)
+    page.until(lambda message: message["say"] == "now" and message["time_s"] > 1)
+    scan, done = Scanner.scan, threading.Event()
+
+    def pause() -> None:
+        live.wish(Pause(say="pause"))
+        page.until(lambda message: message["say"] == "now" and message["state"] == "paused")
+        done.set()
+
+    def scanned(*given: Any) -> Plain:
+        threading.Thread(target=pause, daemon=True).start()
+        assert done.wait(30)
+        return scan(*given)
+
+    monkeypatch.setattr(Scanner, "scan", scanned)
+    assert live.answer(AskScan(say="scan", robot=0))["robot"] == 0
 
 
 def test_a_map_of_a_run_under_way_is_that_of_the_machine():
