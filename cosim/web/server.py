@@ -1,10 +1,10 @@
 """The server of one session: its page, what that loads, and a WebSocket over which they talk.
 
-Each page has a task that sends, one that receives, and one that computes longer answers beside the two: whoever does
-not receive hears no pong either. A message is composed when the page can take it, from what there
-is then: a slow page gets the newest state and no backlog, and nothing waits for it. So what the server keeps for a page
-that reads nothing is one message, and after ``PATIENCE_S`` that page is given up. Why a connection has ended is logged
-(at the level INFO, by the name of this module); a page that finds it ended connects again.
+Each page has a task that sends, one that receives, and one that has answers about the present computed, in threads: the
+page is heard meanwhile. A message is composed when the page can take it, from what there is then: a slow page gets the
+newest state and no backlog, and nothing waits for it. So what the server keeps for a page that reads nothing is one
+message, and a few answers, and after ``PATIENCE_S`` that page is given up. Why a connection has ended is logged (at the
+level INFO, by the name of this module); a page that finds it ended connects again.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ from contextlib import asynccontextmanager, closing, suppress
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, Generic, Protocol, TypeVar
 
 import uvicorn
 from starlette.applications import Starlette
@@ -48,9 +48,10 @@ _PERIOD_S: Final = 0.04
 """Interval between two messages to a page: what a screen can show."""
 _ERRORS: Final = 16
 """Maximum number of error messages that wait for a page."""
+_ANSWERS: Final = 16
+"""Maximum number of answers about the present that wait for a page."""
 _QUESTIONS: Final = 32
-"""Maximum number of questions of a page that wait: about the timeline, and others whose answers take long."""
-_TOO_MANY: Final = "too many questions wait: ask when the last ones have been answered"
+"""Maximum number of questions of a page about the timeline that wait, and of those about the present."""
 _TRY_AGAIN: Final = 1013
 """Code of a WebSocket that is closed since the server is busy (RFC 6455, as registered with IANA),"""
 _FAILED: Final = 1011
@@ -58,6 +59,7 @@ _FAILED: Final = 1011
 _LONGEST_REASON: Final = 123
 """Maximum length of the reason for which a WebSocket is closed, B (RFC 6455, section 5.5)."""
 _LOG: Final = logging.getLogger(__name__)
+T = TypeVar("T")
 
 
 class Session(Protocol):
@@ -144,8 +146,8 @@ class Server:
         self.open += 1
         number = next(self._numbers)
         waiting = Waiting()
-        talk = self._send(session, page, waiting, number), self._receive(session, page, waiting), _compute(waiting)
-        tasks = [asyncio.create_task(each) for each in talk]
+        send, receive = self._send(session, page, waiting, number), self._receive(session, page, waiting)
+        tasks = [asyncio.create_task(each) for each in (send, receive, self._compute(session, waiting))]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -174,9 +176,10 @@ class Server:
         known: Known | None = None
         while True:
             faults = [waiting.faults.popleft() for _ in range(len(waiting.faults))]
+            answers = [waiting.answers.get_nowait() for _ in range(waiting.answers.qsize())]
             lanes, known = session.timeline.told(known)
             told, cursor = session.look(cursor)
-            for message in (*faults, *([] if lanes is None else [lanes]), *told):
+            for message in (*faults, *answers, *([] if lanes is None else [lanes]), *told):
                 await self._deliver(page, message)
             await self._answer(session, page, waiting)
 
@@ -184,17 +187,15 @@ class Server:
         """Answer questions about the timeline as they come, for as long as a screen shows a picture."""
         ends_s = asyncio.get_running_loop().time() + _PERIOD_S
         while (left_s := ends_s - asyncio.get_running_loop().time()) > 0:
-            with suppress(TimeoutError):
-                await asyncio.wait_for(waiting.asked.wait(), left_s)
-            if waiting.questions:
-                question = waiting.questions.popleft()
-                try:
-                    answer = session.timeline.answer(question)
-                except UserError as fault:
-                    answer = error(str(fault))
-                await self._deliver(page, answer)
-            if not waiting.questions:
-                waiting.asked.clear()
+            try:
+                question = await asyncio.wait_for(waiting.timeline.next(), left_s)
+            except TimeoutError:
+                return
+            try:
+                answer = session.timeline.answer(question)
+            except UserError as fault:
+                answer = error(str(fault))
+            await self._deliver(page, answer)
 
     async def _deliver(self, page: WebSocket, message: Plain | bytes) -> None:
         """Send *message*, after what the page has still to read; raise _EndedError if it reads nothing for long."""
@@ -219,32 +220,59 @@ class Server:
             wish = None
             try:
                 asked = parsed(message.get("bytes") or b"" if given is None else given)
-                if isinstance(asked, AskReach):
-                    place = asked.x_m, asked.y_m
-                    waiting.compute(partial(reach, session.scene, asked.robot, place))
-                elif isinstance(asked, AskMap | AskScan):
-                    waiting.compute(partial(session.answer, asked))
+                if isinstance(asked, AskReach | AskMap | AskScan):
+                    if asked not in waiting.present:  # a page asks again until it knows: one answer tells it
+                        waiting.present.ask(asked)
                 elif isinstance(asked, Question):
-                    waiting.ask(asked)
+                    waiting.timeline.ask(asked)
                 else:
                     wish = asked
                     session.wish(wish)
             except UserError as fault:
                 waiting.faults.append(error(str(fault), wish))
 
-
-async def _compute(waiting: "Waiting") -> None:
-    """Compute answers one after the other, each in a thread; whatever else than a UserError one raises is raised."""
-    while True:
-        answer = await waiting.computations.get()
-        try:
-            waiting.faults.append(await asyncio.to_thread(answer))
-        except UserError as fault:
-            waiting.faults.append(error(str(fault)))
+    async def _compute(self, session: Session, waiting: "Waiting") -> None:
+        """Have questions about the present answered, one after the other: each takes its time, in a thread."""
+        while True:
+            asked = await waiting.present.next()
+            try:
+                if isinstance(asked, AskReach):
+                    answer = await asyncio.to_thread(reach, session.scene, asked.robot, (asked.x_m, asked.y_m))
+                else:
+                    answer = await asyncio.to_thread(session.answer, asked)
+            except UserError as fault:
+                answer = error(str(fault))
+            await waiting.answers.put(answer)
 
 
 class _EndedError(Exception):
     """The connection of a page has ended, or is to, for a reason that lies in the page or in between."""
+
+
+class Questions(Generic[T]):
+    """Questions that wait for their answers, in the order in which they were asked."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[T] = deque()
+        self._asked = asyncio.Event()
+
+    def __contains__(self, question: T) -> bool:
+        return question in self._waiting
+
+    def ask(self, question: T) -> None:
+        """Have *question* answered; raise UserError if too many wait."""
+        if len(self._waiting) >= _QUESTIONS:
+            raise UserError("too many questions wait: ask when the last ones have been answered")
+        self._waiting.append(question)
+        self._asked.set()
+
+    async def next(self) -> T:
+        """Return the question that is to be answered next, as soon as there is one."""
+        await self._asked.wait()
+        question = self._waiting.popleft()
+        if not self._waiting:
+            self._asked.clear()
+        return question
 
 
 class Waiting:
@@ -252,24 +280,10 @@ class Waiting:
 
     def __init__(self) -> None:
         self.faults: deque[Plain] = deque(maxlen=_ERRORS)
-        self.questions: deque[Question] = deque()
-        self.asked = asyncio.Event()
-        self.computations: asyncio.Queue[Callable[[], Plain]] = asyncio.Queue(_QUESTIONS)
-        """Answers that take long, to be computed by a call."""
-
-    def compute(self, answer: Callable[[], Plain]) -> None:
-        """Have *answer* called; raise UserError if too many wait."""
-        try:
-            self.computations.put_nowait(answer)
-        except asyncio.QueueFull:
-            raise UserError(_TOO_MANY) from None
-
-    def ask(self, question: Question) -> None:
-        """Have *question* answered; raise UserError if too many wait."""
-        if len(self.questions) >= _QUESTIONS:
-            raise UserError(_TOO_MANY)
-        self.questions.append(question)
-        self.asked.set()
+        self.timeline: Questions[Question] = Questions()
+        self.present: Questions[AskReach | AskPresent] = Questions()
+        self.answers: asyncio.Queue[Plain] = asyncio.Queue(_ANSWERS)
+        """Answers about the present: while they are not taken, nothing more is computed."""
 
 
 def listening(port: int) -> socket.socket:

@@ -301,6 +301,8 @@ class Slow(Loud):
     def __init__(self) -> None:
         super().__init__()
         self.wishes: list[Wish] = []
+        self.computed: list[int] = []
+        """The robots that it was asked about."""
         self.go_on = threading.Event()
 
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
@@ -310,6 +312,7 @@ class Slow(Loud):
         self.wishes.append(wish)
 
     def answer(self, asked: AskPresent) -> Plain:
+        self.computed.append(asked.robot)
         assert self.go_on.wait(60)
         if asked.robot == 2:
             raise UserError("there is no robot 2")
@@ -335,14 +338,73 @@ def test_a_page_is_heard_while_an_answer_is_computed_and_has_answers_in_their_or
     served.stop()
 
 
-def test_a_page_that_asks_for_too_much_at_once_is_told_so():
+def test_a_page_is_heard_while_a_reach_is_computed(monkeypatch: pytest.MonkeyPatch):
+    def reach(_: Plain, robot: int, __: tuple[float, float]) -> Plain:
+        assert slow.go_on.wait(60)
+        return {"say": "reach", "robot": robot}
+
+    slow = Slow()
+    monkeypatch.setattr("cosim.web.server.reach", reach)
+    served = Served(slow)
+    with served.connect() as page:
+        page.send(json.dumps({"say": "reach", "robot": 3, "x_m": 1.0, "y_m": 2.0}))
+        page.send(asked(1))
+        page.send(json.dumps({"say": "pause"}))
+        eventually(lambda: bool(slow.wishes))
+        assert slow.computed == []
+        slow.go_on.set()
+        assert next_of(page, "reach")["robot"] == 3
+        assert next_of(page, "map")["robot"] == 1
+    served.stop()
+
+
+def test_a_page_that_asks_for_too_much_at_once_is_told_so_and_gets_all_other_answers():
     slow = Slow()
     served = Served(slow)
     with served.connect() as page:
-        for _ in range(34):  # one is being computed, 32 wait
-            page.send(asked(1))
-        assert "too many questions wait" in str(next_of(page, "error"))
+        page.send(asked(3))
+        eventually(lambda: slow.computed == [3])
+        for robot in range(4, 38):  # 32 may wait
+            page.send(asked(robot))
+        for _ in range(2):
+            assert "too many questions wait" in next_of(page, "error")["why"]
         slow.go_on.set()
+        assert [next_of(page, "map")["robot"] for _ in range(33)] == list(range(3, 36))
+    served.stop()
+
+
+def test_a_question_that_waits_already_is_answered_once():
+    """A page asks again until it knows: what takes long is neither computed as often, nor called too much."""
+    slow = Slow()
+    served = Served(slow)
+    with served.connect() as page:
+        page.send(asked(1))
+        eventually(lambda: slow.computed == [1])
+        for _ in range(100):
+            page.send(asked(1))  # as things are when the first one has been answered
+            page.send(asked(3))
+        page.send("{")
+        assert "too many" not in next_of(page, "error")["why"]
+        slow.go_on.set()
+        assert [next_of(page, "map")["robot"] for _ in range(3)] == [1, 1, 3]
+    assert slow.computed == [1, 1, 3]
+    served.stop()
+
+
+def test_what_a_page_that_has_left_still_asked_is_not_computed():
+    slow = Slow()
+    served = Served(slow)
+    with served.connect() as page:
+        for robot in (3, 4, 5):
+            page.send(asked(robot))
+        eventually(lambda: slow.computed == [3])
+    served.wait_for(0)
+    eventually(lambda: not served.uvicorn.server_state.tasks)
+    slow.go_on.set()
+    with served.connect() as page:
+        page.send(asked(7))
+        assert next_of(page, "map")["robot"] == 7
+    assert slow.computed == [3, 7]
     served.stop()
 
 
