@@ -23,6 +23,7 @@ from tests.web.browser import GRAVE, Browser, axe
 from tests.web.commanded import commanded
 from tests.web.console import PLAIN
 from tests.web.served import Served, next_of
+from tests.web.test_web_browser import WAITS
 from tests.web.test_web_recorded import Wall
 from tests.web.test_web_server import refused
 
@@ -229,6 +230,20 @@ def test_two_floors_have_one_transport(browser: Browser, served: Served, size: t
     assert [found for found in page.evaluate(GRAVE) if found[1] in ("moderate", "serious", "critical")] == []
     page.context.close()
     assert not faults, faults
+
+
+@pytest.mark.slow
+def test_who_asks_for_a_connection_begins_the_waiting_times_anew(browser: Browser, served: Served):
+    page = browser.open()
+    page.add_init_script(WAITS)
+    page.goto(served.address)
+    at(page, "0.00")
+    served.stop()
+    page.wait_for_function("() => window.waits.length === 2")
+    page.click("#reconnect")
+    page.wait_for_function("() => window.waits.length === 3")
+    assert page.evaluate("() => window.waits") == [1000, 2000, 1000]
+    page.context.close()
 
 
 # ---------------------------------------------------------------- the command

@@ -322,6 +322,21 @@ def test_a_page_that_is_left_and_comes_back_from_the_history_connects_without_a_
         assert page.is_hidden("#trouble")
 
 
+def test_a_page_that_comes_back_from_the_history_says_that_its_server_has_gone(browser: Browser, serve: Any):
+    served = serve(live(playing=False, patient=True))
+    with tab(browser, served, own=True) as page:
+        state(page, "paused")
+        page.evaluate(HIDDEN)
+        served.wait_for(0)
+        served.stop()
+        page.evaluate('() => window.dispatchEvent(new PageTransitionEvent("pageshow", { persisted: true }))')
+        state(page, "not connected")
+        assert "does not answer" in page.inner_text("#trouble-text")
+        assert page.is_visible("#reconnect")
+        assert all("WebSocket connection" in fault for fault in page.faults)
+        page.faults.clear()
+
+
 def test_a_page_too_many_says_so_and_comes_when_another_has_gone(
     browser: Browser, serve: Any, monkeypatch: pytest.MonkeyPatch
 ):

@@ -16,7 +16,7 @@ export class Connection {
     this.attempt = 0; // timer of the next attempt
     window.addEventListener("pagehide", () => this.leave());
     window.addEventListener("pageshow", (event) => {
-      if (event.persisted) this.connect(false); // it is back from the browser's history
+      if (event.persisted) this.connect(); // it is back from the browser's history: nobody there is to be told
     });
     document.addEventListener("visibilitychange", () => {
       if (!document.hidden && this.attempt) this.connect(false); // timers of a page out of sight are slow
