@@ -139,7 +139,7 @@ def _counts(rows: Sequence[Row], papers: Sequence[str], words: Sequence[str], wo
 
 def _turned_by_chance(kept: Mapping[str, Sequence[KeptChance]]) -> list[str]:
     """Return the section on verdicts that chance would turn, by what is *kept* of each experiment, if anything is."""
-    told = {name: [float(row.turned) for row in rows] for name, rows in kept.items() if rows}
+    told = {name: [float(row.turned) for row in rows] for name, rows in kept.items()}
     told["all"] = [share for shares in told.values() for share in shares]
     lines = [
         [name, str(len(shares)), f"{sum(shares):.1f}", f"{100 * sum(shares) / len(shares):.1f} %"]
