@@ -10,6 +10,6 @@ paired tests between a sweep's arms, which answer a claim. ``drawing`` has the u
 
 ``differences`` compares two sweeps or two arms of one (``cosim compare``), ``sensitivity`` tells which axis matters.
 ``by_choice`` judges the claims once for each value of an axis ``choice``:
-``python -P -m cosim.report.by_choice RESULTS``. ``kept`` reads and writes what is kept beside a published.csv, and
-``claims_page`` makes docs/claims.md of it.
+``python -P -m cosim.report.by_choice RESULTS``; ``by_chance`` tells how many verdicts chance would turn. ``kept`` reads
+and writes what is kept beside a published.csv, and ``claims_page`` makes docs/claims.md of it.
 """

@@ -22,10 +22,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.errors import UserError
-from cosim.experiment import experiment_folders, load_experiment
+from cosim.experiment import experiment_folders
 from cosim.report.claims import Verdict, judge, published_claims
 from cosim.report.figures_module import load_figures
-from cosim.report.kept import KeptVariation, keep_variations
+from cosim.report.kept import KeptVariation, check_whole, keep_variations
 from cosim.report.saving import save
 from cosim.results import RunStore, SweepDescription
 
@@ -90,7 +90,7 @@ def main(words: Sequence[str] | None = None) -> None:
     try:
         sweep, runs, source = _read(folder)
         if given.keep:
-            _check_whole(folder, sweep, runs)
+            check_whole(folder, sweep, len(runs))
         found = judged(runs[runs["status"] == "done"], source)
         written = [_kept(sweep, found, source)] if given.keep and source else []
     except UserError as error:
@@ -109,14 +109,6 @@ def _read(folder: Path) -> tuple[SweepDescription, pd.DataFrame, Path | None]:
         raise UserError(f"{folder}: the sweep has no axis choice")
     source = Path(sweep.source).parent
     return sweep, runs, source if source.is_dir() else experiment_folders().get(source.name)
-
-
-def _check_whole(folder: Path, sweep: SweepDescription, runs: pd.DataFrame) -> None:
-    """Raise UserError unless *runs* are all that the sheet of *sweep* asks for."""
-    sheet = load_experiment(Path(sweep.source))
-    arms = tuple(arm.configuration for arm in sheet.arms)
-    if arms != sweep.configurations or sweep.replicates < sheet.replicates or len(runs) < sweep.runs:
-        raise UserError(f"{folder}: --keep: keeps the verdicts of whole sheets, this is not all of {sweep.source}")
 
 
 def _kept(sweep: SweepDescription, found: dict[str, list[Verdict]], experiment: Path) -> Path:

@@ -17,8 +17,10 @@ from cosim.report.claims import Claim, published_claims
 from cosim.report.kept import (
     KINDS,
     Decides,
+    KeptChance,
     KeptVariation,
     KeptVerdict,
+    kept_chance,
     kept_variations,
     kept_verdicts,
     known_causes,
@@ -65,6 +67,14 @@ of this project has been changed, the old one is among them. *Decided by* is tol
 or a review of it with runs of its own, says so. It is one of these, or *not known*:
 
 """
+CHANCE: Final = """\
+## How many verdicts chance would turn
+
+Replicates of each sweep are drawn again with replacement, and its claims judged anew (`cosim.report.by_chance`; the
+verdicts *not comparable* and *no data* are left out). Expected is how many verdicts a draw turns on average. A fresh
+sweep would turn somewhat more: drawn means of n replicates vary by (n - 1) / n of the variance of fresh ones.
+"""
+"""The beginning of the section about draws."""
 
 
 class Row(NamedTuple):
@@ -111,6 +121,7 @@ def page(folders: Mapping[str, Path]) -> str:
         _counts(rows, papers, WORDS, lambda row: row.word),
         "What decides those that fail or are open:\n",
         _counts(asked, papers, (*KINDS, NOT_KNOWN), lambda row: row.decided_by),
+        *_turned_by_chance({name: kept_chance(folder) for name, folder in sorted(folders.items())}),
         *(_paper(paper, [row for row in rows if row.claim.paper == paper], folders) for paper in papers),
     ]
     return "\n".join(sections)
@@ -124,6 +135,19 @@ def _counts(rows: Sequence[Row], papers: Sequence[str], words: Sequence[str], wo
         if ours:
             lines.append([_called(name), *(str(found[each] or "") for each in words), str(len(ours))])
     return _grid(["source", *words, "claims"], lines)
+
+
+def _turned_by_chance(kept: Mapping[str, Sequence[KeptChance]]) -> list[str]:
+    """Return the section on verdicts that chance would turn, by what is *kept* of each experiment, if anything is."""
+    told = {name: [float(row.turned) for row in rows] for name, rows in kept.items()}
+    told["all"] = [share for shares in told.values() for share in shares]
+    lines = [
+        [name, str(len(shares)), f"{sum(shares):.1f}", f"{100 * sum(shares) / len(shares):.1f} %"]
+        for name, shares in told.items()
+        if shares
+    ]
+    head = ["experiment", "rows judged", "expected to turn", "share"]
+    return [CHANCE, _grid(head, lines)] if lines else []
 
 
 def _called(paper: str) -> str:

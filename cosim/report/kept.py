@@ -3,6 +3,8 @@
 verdicts.csv      the verdict on each claim by the runs of sweep.yaml; ``cosim reproduce --keep`` writes it
 variations.csv    the verdict on each claim by each choice of another sheet, such as alternatives.yaml;
                   ``python -P -m cosim.report.by_choice RESULTS --keep`` writes it
+chance.csv        how often the verdict on each claim turns if the replicates of sweep.yaml are drawn again;
+                  ``python -P -m cosim.report.by_chance RESULTS --keep`` writes it
 decides.csv       what decides a claim, as far as it is known, and what is left to find out; people write it
 """
 
@@ -14,10 +16,13 @@ from typing import Final, NamedTuple
 
 from cosim.documents import read_text
 from cosim.errors import UserError
+from cosim.experiment import load_experiment
+from cosim.results import SweepDescription
 from cosim.trace import drafted
 
 VERDICTS_FILE: Final = "verdicts.csv"
 VARIATIONS_FILE: Final = "variations.csv"
+CHANCE_FILE: Final = "chance.csv"
 DECIDES_FILE: Final = "decides.csv"
 
 
@@ -45,6 +50,20 @@ class KeptVariation(NamedTuple):
     ours: str
     replicates: str
     code: str
+
+
+class KeptChance(NamedTuple):
+    """A row of chance.csv."""
+
+    id: str
+    """of the claim"""
+    verdict: str
+    """of the runs as they are"""
+    turned: str
+    """the share of the draws that have another one"""
+    other: str
+    """the one that most of those have; empty if there are none"""
+    draws: str
 
 
 class Decides(NamedTuple):
@@ -76,6 +95,11 @@ def kept_variations(folder: Path) -> list[KeptVariation]:
     return [KeptVariation(*row) for row in _read(folder / VARIATIONS_FILE, KeptVariation._fields)]
 
 
+def kept_chance(folder: Path) -> list[KeptChance]:
+    """Return how often the verdicts of the whole sheet turn, as it is kept in *folder*."""
+    return [KeptChance(*row) for row in _read(folder / CHANCE_FILE, KeptChance._fields)]
+
+
 def known_causes(folder: Path) -> dict[str, Decides]:
     """Return what decides the claims in *folder*, by their ids; raise UserError for a word that is not in KINDS."""
     path = folder / DECIDES_FILE
@@ -96,6 +120,19 @@ def keep_variations(folder: Path, sheet: str, rows: Iterable[KeptVariation]) -> 
     others = [row for row in kept_variations(folder) if row.sheet != sheet]
     written = sorted([*others, *rows], key=lambda row: row.sheet)  # stable: within a sheet as they were made
     return _write(folder / VARIATIONS_FILE, KeptVariation._fields, written)
+
+
+def keep_chance(folder: Path, rows: Iterable[KeptChance]) -> Path:
+    """Write chance.csv into *folder*; return its path."""
+    return _write(folder / CHANCE_FILE, KeptChance._fields, rows)
+
+
+def check_whole(folder: Path, sweep: SweepDescription, runs: int) -> None:
+    """Raise UserError unless the *runs* in *folder*, so many, are all that the sheet of *sweep* asks for now."""
+    sheet = load_experiment(Path(sweep.source))
+    arms = tuple(arm.configuration for arm in sheet.arms)
+    if arms != sweep.configurations or sweep.replicates < sheet.replicates or runs < sweep.runs:
+        raise UserError(f"{folder}: --keep: keeps the verdicts of whole sheets, this is not all of {sweep.source}")
 
 
 def csv_text(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -9,7 +9,7 @@ import pytest
 from cosim.errors import UserError
 from cosim.experiment import experiment_folders
 from cosim.report.claims_page import WORDS, page
-from cosim.report.kept import KINDS, kept_variations, kept_verdicts, known_causes
+from cosim.report.kept import KINDS, kept_chance, kept_variations, kept_verdicts, known_causes
 from tests.checkout import EXPERIMENTS, ROOT
 from tests.report.sheets import written
 
@@ -18,6 +18,7 @@ SHEETS = [path.parent for path in EXPERIMENTS.glob("**/sweep.yaml")]
 OURS = {"_".join(folder.relative_to(EXPERIMENTS).parts): folder for folder in SHEETS}
 VERDICTS = "id,verdict,ours,replicates,code\nfirst,fails,5,3,c\nsecond,holds,3.5,3,c\n"
 VARIATIONS = "sheet,variation,id,verdict,ours,replicates,code\n"
+CHANCE = "id,verdict,turned,other,draws\n"
 DECIDES = "id,decides,left\nfirst,reading,asked of all rounds\n"
 LONG = f"alpha,000,VI,{'a word ' * 40}the case at the end,delay_s,,s,3.5,in the interval\n"
 
@@ -69,6 +70,9 @@ def test_what_is_known_of_claims_is_of_claims_that_there_are() -> None:
         ids = {row["id"] for row in table(folder / "published.csv")} if (folder / "published.csv").is_file() else set()
         assert known_causes(folder).keys() <= ids
         assert {row.id for row in kept_variations(folder)} <= ids
+        whole = kept_verdicts(folder)
+        for row in kept_chance(folder):  # of the same runs
+            assert row.verdict == whole[row.id].verdict
         assert all(len(cause.left) <= 140 for cause in known_causes(folder).values())
         held = {id_ for id_, kept in kept_verdicts(folder).items() if kept.verdict == "holds"}
         assert (
@@ -111,6 +115,23 @@ def test_verdicts_by_other_choices_stand_together(folder: Path) -> None:
     text = page({"sound": folder})
     assert line(text, "first")[4] == "holds with 5 of 7; fails: c5, c6"
     assert line(text, "second")[4] == ""
+
+
+def test_what_chance_would_turn_is_added_up_by_experiment(folder: Path) -> None:
+    assert "How many verdicts chance would turn" not in page({"sound": folder})
+    (folder / "chance.csv").write_text(CHANCE + "first,fails,0.25,open,8\nsecond,holds,0.5,fails,8\n", encoding="utf-8")
+    written(folder.parent / "other")
+    written(folder.parent / "third")
+    (folder.parent / "third/chance.csv").write_text(CHANCE + "fourth,open,0,,8\n", encoding="utf-8")
+    text = page({"sound": folder, "third": folder.parent / "third", "other": folder.parent / "other"})
+    section = text.partition("\n## How many verdicts chance would turn\n")[2].partition("\n## ")[0]
+    lines = [[cell.strip() for cell in each.strip("|").split("|")] for each in section.splitlines() if "|" in each]
+    assert lines[0] == ["experiment", "rows judged", "expected to turn", "share"]
+    assert lines[2:] == [
+        ["sound", "2", "0.8", "37.5 %"],  # 0.75 of two
+        ["third", "1", "0.0", "0.0 %"],
+        ["all", "3", "0.8", "25.0 %"],
+    ]
 
 
 def test_a_long_claim_keeps_its_beginning_and_its_end_and_a_line_stays_a_line(folder: Path) -> None:
