@@ -1,0 +1,8 @@
+"""Bluetooth Low Energy (Core v5.x, Vol 6, Parts A and B), one file a layer of the specification; all of it is pure.
+
+Begin with ``pdu``: what is in the packets of advertising, scanning and connections. Below it are ``phy`` (air times),
+``channels`` (numbers and frequencies), ``access`` (access addresses), ``crc`` and ``whitening``; ``channel_map`` and
+``selection`` say on which channel a connection event is.
+
+A peer's bad octets raise WireError wherever they are decoded; what cannot be encoded raises ValueError.
+"""
