@@ -1,14 +1,14 @@
 """A slow model of a connection of Bluetooth Low Energy that goes from packet to packet and counts every event.
 
-Sources: Bluetooth Core v5.0, Vol 6 Part B: channels 4.5.8, transmit window 4.5.3, window widening 4.2.2 and 4.5.7, event
-4.5.1 and 4.5.6, acknowledgement 4.5.9, supervision 4.5.2, instants 5.1.1 and 5.5. Integers of ns; local times are counted
-on each end's own clock, whose time is phase + t + floor(t ppm / 10^6).
+Sources: Bluetooth Core v5.0, Vol 6 Part B: channels 4.5.8, transmit window 4.5.3, window widening 4.2.2 and 4.5.7,
+event 4.5.1 and 4.5.6, acknowledgement 4.5.9, supervision 4.5.2, instants 5.1.1 and 5.5. Integers of ns; local times are
+counted on each end's own clock, whose time is phase + t + floor(t ppm / 10^6).
 
 Readings, where the specification or the readings of the channel leave a choice:
 
-1. A packet is heard in a window if its start lies within it, both ends included. Where windows overlap it counts for the
-   earlier event. w has 16 us of jitter in it; an event for which w reaches interval / 2 - T_IFS is not listened to, and
-   at its expected time the peripheral gives the connection up.
+1. A packet is heard in a window if its start lies within it, both ends included. Where windows overlap it counts for
+   the earlier event. w has 16 us of jitter in it; an event for which w reaches interval / 2 - T_IFS is not listened to,
+   and at its expected time the peripheral gives the connection up.
 2. Within a transmit window w is that of the window's end. A window of an update adds to one that is still open.
 3. A peripheral that has heard the first packet of an event with any CRC is anchored by it. It sleeps through `latency`
    events after one whose last packet that came with a right CRC had MD = 0, if it has nothing to send or repeat but
@@ -20,7 +20,8 @@ Readings, where the specification or the readings of the channel leave a choice:
 5. After an answer with a wrong CRC the central goes on if its own MD was 1.
 6. The timer of supervision begins anew at the instant of an update, which is where its event was to be without it. A
    deadline that is that instant comes first. Instants of this very event have passed.
-7. A central is gone once TERMINATE is acknowledged by or to it, as is a peripheral; with one end gone the event is over.
+7. An end is gone once its TERMINATE is acknowledged, or once it has sent the packet that acknowledges one. With one end
+   gone the event is over.
 """
 
 from collections import deque
@@ -309,11 +310,11 @@ class Model:
             self.hold_event(count, now, listening)
             central.event += 1
             central.due += central.interval
-        end = now + 100_000_000_000
+        end = now + 40_000_000_000
         for ear in self.ears:
             while ear.coming:  # updates go on to happen
                 self.run_out(ear)
-            ear.give_up_by(end)
+        self.central.give_up_by(end)
         self.wait_for(end)
         return self.result._replace(losses=(self.central.gone, self.peripheral.gone))
 

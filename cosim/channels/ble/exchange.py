@@ -78,14 +78,17 @@ class ConnectionEvent:
         self._until, self._listening = until, listening
         self._more = [True, True]  # MD that each side has last sent, as far as the central knows
         self._wrong = [0, 0]  # packets in a row that each side heard with a wrong CRC
+        self._before: Packet | None = None  # the packet that has ended, if another one may follow it
         self._begin(anchor)
 
-    def close(self) -> None:
-        """End the event now."""
-        self.packet = None
-
     def ended(self, reception: Reception, room: bool = True) -> Heard:
-        """Take what the other end made of the packet on the air, at its end, and put the next one on the air.
+        """Take what the other end made of the packet on the air, at its end, and put the next one on the air."""
+        heard = self.hear(reception, room)
+        self.go_on()
+        return heard
+
+    def hear(self, reception: Reception, room: bool = True) -> Heard:
+        """Take what the other end made of the packet on the air, at its end.
 
         *room*: whether that end has room for what is new. Raise LocalProtocolError without a packet on the air.
         """
@@ -105,8 +108,18 @@ class ConnectionEvent:
             self._wrong[receiver] += 1
         self._note(packet, reception)
         if self._wrong[receiver] < 2:
-            self._go_on(packet)
+            self._before = packet
         return heard
+
+    def go_on(self) -> None:
+        """Put the next packet on the air, if the event has not ended with the one before."""
+        packet, self._before = self._before, None
+        if packet is None:
+            return
+        if packet.sender is Side.CENTRAL:
+            self._answer(packet.end + T_IFS)
+        elif any(self._more):
+            self._begin(packet.end + T_IFS)
 
     def _note(self, packet: Packet, reception: Reception) -> None:
         if packet.sender is Side.CENTRAL:
@@ -116,13 +129,9 @@ class ConnectionEvent:
         else:
             self._more[Side.PERIPHERAL] = packet.pdu.more and reception is Reception.HEARD
 
-    def _go_on(self, packet: Packet) -> None:
-        if packet.sender is Side.PERIPHERAL:
-            if any(self._more):
-                self._begin(packet.end + T_IFS)
-            return
-        start, end = packet.end + T_IFS, self._ends[Side.PERIPHERAL]
-        fragment = end.next()
+    def _answer(self, start: Time) -> None:
+        """Put the peripheral's packet on the air at *start*."""
+        fragment = self._ends[Side.PERIPHERAL].next()
         if start + self._air(Side.PERIPHERAL, fragment) + T_IFS > self._until:
             fragment = EMPTY  # one that is sent again fits: the central has counted on it
         self._send(Side.PERIPHERAL, start, fragment)

@@ -39,7 +39,7 @@ from cosim.channels.ble.control import (
 )
 from cosim.channels.ble.exchange import ConnectionEvent, Packet, Reception, Side
 from cosim.channels.ble.l2cap import LEAST_OCTETS, LEAST_TIME, LEAST_TIME_CODED, longest_payload
-from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, Llid, LLData
+from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, Phy
 from cosim.channels.ble.selection import channel_1, channel_2, identifier
 from cosim.channels.bluetooth.clock import NativeClock
@@ -178,7 +178,7 @@ class Link:
         return self.central.clock.at_local(anchors.at(self.event))
 
     def channel(self, side: Side, event: int) -> int:
-        """Return the channel index on which an end is in *event*."""
+        """Return the channel index on which an end is in *event*, by the map in force (see :meth:`advance`)."""
         used = self.ends[side].used
         if self._algorithm_2:
             return channel_2(used, self._key, event % COUNTERS)
@@ -286,7 +286,7 @@ class Link:
             raise LocalProtocolError("no packet is on the air")
         packet = event.packet
         sender, receiver = self.ends[packet.sender], self.ends[1 - packet.sender]
-        heard = event.ended(reception, room)
+        heard = event.hear(reception, room)
         if event.last_heard[receiver.side] == packet.end:
             receiver.supervision.heard(packet.end)
         if sender.leaving:
@@ -295,8 +295,8 @@ class Link:
             receiver.lose(Loss.TERMINATED, packet.end)
         if heard.new is not None and heard.new.llid is Llid.CONTROL:
             self._control(receiver, heard.new, packet.end)
-        if sender.loss is not None or receiver.loss is not None:
-            event.close()
+        if sender.loss is None and receiver.loss is None:
+            event.go_on()
         return heard
 
     def finish(self) -> None:
