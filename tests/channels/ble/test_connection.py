@@ -175,6 +175,7 @@ def test_with_a_drift_of_p_ppm_a_packet_is_heard_if_the_error_is_within_w(sign: 
     assert not drifting(sign * (limit + 2), interval, silent, sca_ppm)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ppm", [(500, -500), (-500, 500), (500, 500)])
 @pytest.mark.parametrize("interval", [7_500 * US, 4 * S])
 @pytest.mark.parametrize("start", [0, 2_500 * US])
@@ -201,6 +202,23 @@ def test_a_peripheral_that_knows_too_little_gives_up():
     assert link.peripheral.loss is None
     link.advance(lost)
     assert (link.peripheral.loss, link.peripheral.lost_at) == (Loss.WIDENING, lost)
+
+
+@pytest.mark.parametrize("ppm", [40, 70, 999, 1_000])
+@pytest.mark.parametrize("window", [0, 10 * MS])
+def test_the_first_event_that_is_not_listened_to_is_the_first_whose_w_is_too_wide(ppm: int, window: int):
+    limit = 30 * MS // 2 - 150 * US
+    longest = (limit - 16 * US - 1) * 1_000_000 // ppm  # the longest time whose w, rounded up, is below the limit
+    for shift in (-30 * MS, -1, 0, 1, 2, 1_000_000 // ppm, 30 * MS):
+        expected = Expectation(3, longest + shift - window, 30 * MS, 0, ppm, window)
+        by_steps = next(event for event in range(3, 10) if expected.widening(event) >= limit)
+        assert expected.lost_from() == by_steps == 3 + max(0, (shift <= 0) + (shift <= -30 * MS))
+
+
+def test_an_update_before_the_last_one_s_window_was_met_makes_the_window_longer():
+    expected = Expectation(0, 0, 30 * MS, -30 * MS, 40).updated(5, 0, 2_500 * US, 30 * MS)
+    again = expected.updated(8, 5 * MS, 10 * MS, 50 * MS)
+    assert (again.event, again.local, again.interval, again.window) == (8, 8 * 30 * MS + 5 * MS, 50 * MS, 12_500 * US)
 
 
 # ---------------------------------------------------------------- latency

@@ -189,6 +189,7 @@ def compare(seed: int) -> Result:
     return fast
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", range(10))
 def test_a_connection_equals_the_oracle_event_for_event(block: int):
     for seed in range(40 * block, 40 * block + 40):
