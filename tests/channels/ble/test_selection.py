@@ -131,8 +131,8 @@ def test_algorithm_2_uses_all_37_channels_equally(key: int) -> None:
 def test_algorithm_2_uses_the_channels_of_a_map_nearly_equally(used: tuple[int, ...]) -> None:
     times = Counter(channel_2(ChannelMap(used), KEY, counter) for counter in range(1 << 16))
     assert set(times) == set(used)
-    # a used channel has its own numbers, 1771 or 1772; its run of consecutive ones has as many of the unused residues as
-    # any other, but for those of the part of 37 with which it ends
+    # A used channel has its own numbers, 1771 or 1772, and the unused ones of a run of consecutive numbers; a run has
+    # as many of these as another, but for the part of a period of 37 with which it ends.
     unused = 65536 - sum(1771 + (channel < 9) for channel in used)
     for channel in used:
         assert times[channel] == pytest.approx(1771 + unused / len(used), abs=1 + 37)
