@@ -44,7 +44,7 @@ def solve(interval: int, scan_interval: int, window: int, packet: int) -> Latenc
         start = -beacon * interval % scan_interval
         if beacon and start == 0:
             return None  # from here on the beacons meet what they have met
-        missed = without(without(missed, start, start + heard), start - scan_interval, start - scan_interval + heard)
+        missed = without(missed, start, start + heard)  # what is beyond the cycle, beacon 0 has taken
         if not missed:
             mean = packet + Fraction(interval * measures, scan_interval)
             return Latency(mean, packet + beacon * interval)

@@ -54,11 +54,8 @@ def heard_phases(case: Case) -> list[Intervals]:
     missed: Intervals = [(0, case.cycle)]
     parts: list[Intervals] = []
     for channel in range(CHANNELS):
-        low = channel * (case.scan_interval - case.spacing)
-        rest = missed
-        for turn in (0, case.cycle):
-            rest = without(rest, low + turn, low + turn + case.window - case.packet)
-            rest = without(rest, low - turn, low - turn + case.window - case.packet)
+        low = channel * (case.scan_interval - case.spacing)  # within the cycle: a spacing is less than an interval
+        rest = without(missed, low, low + case.window - case.packet)
         heard = missed
         for start, end in rest:
             heard = without(heard, start, end)
@@ -70,7 +67,7 @@ def heard_phases(case: Case) -> list[Intervals]:
 def shares(phases: Intervals, cycle: int, cell: int) -> Array:
     """Return which part of every cell of the cycle is in *phases*."""
     edges = np.arange(0, cycle + 1, cell)
-    inside = sum((np.clip(edges, start, end) - start for start, end in phases), np.zeros(len(edges)))
+    inside = sum((np.clip(edges, start, end) for start, end in phases), np.zeros(len(edges)))
     return np.diff(inside) / cell
 
 

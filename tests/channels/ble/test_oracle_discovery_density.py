@@ -1,4 +1,7 @@
-"""Discovery with advDelay on three channels: the table of reference, by densities and by draws, which must agree."""
+"""Discovery with advDelay on three channels: densities against a table made before, and against draws.
+
+The table's quantiles are those of 200 000 draws, so that they are wrong by what such draws are. So is the mean at most.
+"""
 
 from functools import cache
 from math import sqrt
@@ -41,7 +44,7 @@ def drawn(case: Case) -> np.ndarray:
     return draw_latencies(case, DRAWS, np.random.default_rng(2016))
 
 
-TABLE = [  # T_a, T_s, W; mean; found by event 1, 2, 3 (ms); cell
+TABLE = [  # mean (ms) and half of its last digit; found by event 1, 2, 3; cell
     (Case(100 * MS, 30 * MS, 30 * MS), 2.80, 0.005, (0.9825, 1.0), 31_250),
     (Case(30 * MS, 60 * MS, 30 * MS), 21.92, 0.005, (0.4937, 0.9097, 0.9987), 31_250),
     (Case(500 * MS, 100 * MS, 10 * MS), 4501, 0.5, (0.0962, 0.1461, 0.1957), 31_250),
