@@ -114,6 +114,11 @@ def test_an_advertising_pdu_has_these_octets(pdu, octets: str) -> None:
     assert decode_advertising(bytes.fromhex(octets)) == pdu
 
 
+@pytest.mark.parametrize("kind", [KINDS.ADV_NONCONN_IND, KINDS.ADV_SCAN_IND, KINDS.SCAN_RSP])
+def test_who_cannot_be_connected_to_tells_no_algorithm(kind: AdvertisingType) -> None:
+    assert encode_advertising(Undirected(kind, BOB, algorithm_2=True)) == encode_advertising(Undirected(kind, BOB))
+
+
 def test_all_types_of_pdu_are_among_the_golden_ones() -> None:
     assert {bytes.fromhex(octets)[0] & 15 for _, octets in GOLDEN} == set(AdvertisingType)
 

@@ -21,7 +21,7 @@ from cosim.errors import WireError
 KEY = identifier(ADVERTISING_ADDRESS)
 NINE = (9, 10, 21, 22, 23, 33, 34, 35, 36)
 FIFTEEN = (0, 1, 2, 4, 10, 14, *range(24, 33), 34)
-MAPS = [tuple(range(37)), NINE, FIFTEEN, (0, 36), (3, 4, 5), tuple(range(0, 37, 3))]
+MAPS = [tuple(range(37)), NINE, FIFTEEN, (0, 36), (3, 4, 5), tuple(range(0, 37, 3)), tuple(range(0, 37, 2))]
 
 
 # ---------------------------------------------------------------- channel maps
@@ -95,10 +95,14 @@ def test_any_hop_is_a_cycle_of_all_channels(hop: int) -> None:
 
 # ---------------------------------------------------------------- algorithm 2
 
-SAMPLES = [  # the specification's sample data, Part C, section 3
+SAMPLES = [  # the specification's sample data (v5.3, Part C, section 3), as NimBLE's ble_ll_csa2_test.c has them
     (tuple(range(37)), 0, 56857, [25, 1, 16, 36]),
     (tuple(range(37)), 1, 1685, [20, 36, 12, 34]),
+    (tuple(range(37)), 2, 38301, [6, 18, 32, 21]),
+    (tuple(range(37)), 3, 27475, [21, 4, 22, 8]),
     (NINE, 6, 10975, [23, 35, 21, 36]),
+    (NINE, 7, 5490, [9, 22, 36, 33]),
+    (NINE, 8, 46970, [34, 9, 33, 10]),
 ]
 
 
@@ -131,8 +135,8 @@ def test_algorithm_2_uses_all_37_channels_equally(key: int) -> None:
 def test_algorithm_2_uses_the_channels_of_a_map_nearly_equally(used: tuple[int, ...]) -> None:
     times = Counter(channel_2(ChannelMap(used), KEY, counter) for counter in range(1 << 16))
     assert set(times) == set(used)
-    # a used channel has its own numbers, 1771 or 1772; its run of consecutive ones has as many of the unused residues as
-    # any other, but for those of the part of 37 with which it ends
+    # A used channel has its own numbers, 1771 or 1772, and the unused ones of a run of consecutive numbers; a run has
+    # as many of these as another, but for the part of a period of 37 with which it ends.
     unused = 65536 - sum(1771 + (channel < 9) for channel in used)
     for channel in used:
         assert times[channel] == pytest.approx(1771 + unused / len(used), abs=1 + 37)
@@ -142,11 +146,12 @@ def test_algorithm_2_uses_the_channels_of_a_map_nearly_equally(used: tuple[int, 
 def test_subevents_stay_in_the_map_and_next_ones_are_apart(used: tuple[int, ...]) -> None:
     size = len(used)
     apart = max(1, min(3, size - 5), min(11, (size - 10) // 2))
-    seen = set()
+    seen, distances = set(), set()
     for counter in range(500):
         places = [used.index(channel) for channel in subevent_channels(ChannelMap(used), KEY, counter, 5)]
         assert used[places[0]] == channel_2(ChannelMap(used), KEY, counter)
         for one, other in pairwise(places):
-            assert min((one - other) % size, (other - one) % size) >= apart
+            distances.add(min((one - other) % size, (other - one) % size))
             seen.add(other)
     assert seen == set(range(size))
+    assert min(distances) == apart
