@@ -458,7 +458,6 @@ class Model:
 
 def update(ear: Ear, new: Update) -> None:
     """Let an end that is at the instant of an update begin with its parameters."""
-    if ear.ever:
-        ear.since = ear.due
+    ear.since = ear.due
     ear.due += new.offset
     ear.interval, ear.latency, ear.timeout = new.interval, new.latency, new.timeout

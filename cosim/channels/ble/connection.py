@@ -91,9 +91,7 @@ class Supervision:
 
     def renew(self, local: Time, parameters: ConnectionParameters) -> None:
         """Take new *parameters* at the *local* time of their instant, from which the timer begins anew (5.1.1)."""
-        self.parameters = parameters
-        if self.established:
-            self.since = local
+        self.since, self.parameters = local, parameters
 
     def deadline(self) -> Time:
         """Return the instant at which the connection is lost unless a packet ends before."""

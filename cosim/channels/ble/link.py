@@ -17,7 +17,6 @@ from cosim.channels.ble.anchors import WINDOW_DELAYS, Anchors, Expectation
 from cosim.channels.ble.arq import Arq, Fragment, Heard
 from cosim.channels.ble.channel_map import ChannelMap
 from cosim.channels.ble.connection import (
-    COUNTERS,
     ConnectionParameters,
     Supervision,
     TransmitWindow,
@@ -181,7 +180,7 @@ class Link:
         """Return the channel index on which an end is in *event*, by the map in force (see :meth:`advance`)."""
         used = self.ends[side].used
         if self._algorithm_2:
-            return channel_2(used, self._key, event % COUNTERS)
+            return channel_2(used, self._key, event)
         return channel_1(used, self._hop, event)
 
     def deadline(self, side: Side) -> Time:
@@ -274,7 +273,7 @@ class Link:
         end = self.peripheral
         return (
             end.loss is None
-            and (event >= self._awake or end.arq.busy or bool(end.pending))
+            and (event >= self._awake or end.arq.busy)
             and end.phys == self.central.phys
             and self.channel(Side.PERIPHERAL, event) == self.channel(Side.CENTRAL, self.event)
         )

@@ -434,6 +434,16 @@ def test_phys_change_at_their_instant(side: Side, events: int, likes: int, phy: 
     assert [end.phys for end in link.ends] == [(phy, phy)] * 2
 
 
+def test_a_peripheral_that_missed_new_phys_hears_nothing_from_their_instant_on():
+    link = link_with(timeout=300 * MS)
+    run(link, 2)
+    link.announce(lambda instant: PhyUpdateInd(PHY_2M, PHY_2M, instant))
+    run(link, 7, never)
+    assert not any(answered(run(link, 2)))
+    link.advance(S)
+    assert [end.loss for end in link.ends] == [Loss.SUPERVISION] * 2
+
+
 def test_control_pdus_that_are_none_are_left_alone_and_counted():
     link = link_with()
     for payload in (b"", b"\xff", b"\x02", bytes(12)):

@@ -65,6 +65,7 @@ FIRST = Fragment(Llid.START, b"\x02\x00\x04\x00a")
     [
         [Fragment(Llid.CONTINUATION, b"a")],
         [FIRST, FIRST],
+        [FIRST, Fragment(Llid.START, b"b")],
         [FIRST, Fragment(Llid.CONTINUATION, b"bc")],
         [Fragment(Llid.START, b"\x00\x00\x04\x00a")],
         [Fragment(Llid.CONTROL, b"\x02\x13")],
