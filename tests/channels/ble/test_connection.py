@@ -16,7 +16,9 @@ from cosim.channels.ble.control import (
     ChannelMapInd,
     ConnectionUpdateInd,
     Lengths,
+    Phys,
     PhyUpdateInd,
+    encode_control,
 )
 from cosim.channels.ble.exchange import Packet, Reception, Side
 from cosim.channels.ble.link import Link, Loss, run_event
@@ -432,6 +434,14 @@ def test_phys_change_at_their_instant(side: Side, events: int, likes: int, phy: 
     (event,) = run(link, 1)
     assert [packet.air for packet, _ in event] == [phy.air_time(0)] * 2
     assert [end.phys for end in link.ends] == [(phy, phy)] * 2
+
+
+def test_each_direction_has_the_phy_that_was_asked_for_it():
+    link = link_with()
+    run(link, 2)
+    link.peripheral.arq.push(encode_control(Phys(False, PHY_2M, PHY_CODED)))  # to send on, to receive on
+    run(link, 12)
+    assert [end.phys for end in link.ends] == [(CODED_S8, LE_2M)] * 2
 
 
 def test_a_peripheral_that_missed_new_phys_hears_nothing_from_their_instant_on():
