@@ -10,9 +10,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from cosim.channels.ble.arq import Fragment
 from cosim.channels.ble.channel_map import MAP_OCTETS, ChannelMap, decode_channel_map
-from cosim.channels.ble.connection import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.l2cap import LEAST_OCTETS, LEAST_TIME
-from cosim.channels.ble.pdu import INTERVAL_UNIT, TIMEOUT_UNIT, Llid
+from cosim.channels.ble.parameters import INTERVAL_UNIT, TIMEOUT_UNIT, ConnectionParameters, TransmitWindow
+from cosim.channels.ble.pdu import Llid
 from cosim.errors import UserError, WireError
 from cosim.units import US, Time
 

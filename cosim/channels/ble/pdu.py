@@ -15,17 +15,16 @@ from typing import Final, NamedTuple, TypeAlias
 
 from cosim.channels.ble.channel_map import ChannelMap, decode_channel_map
 from cosim.channels.ble.channels import DATA_CHANNELS
+from cosim.channels.ble.parameters import INTERVAL_UNIT, TIMEOUT_UNIT, ConnectionParameters, TransmitWindow
 from cosim.channels.ble.phy import HEADER_OCTETS, MAX_PAYLOAD
 from cosim.channels.ble.selection import HOP_INCREMENTS
-from cosim.errors import WireError
-from cosim.units import MS, US, Time
+from cosim.errors import UserError, WireError
+from cosim.units import US, Time
 
 MAX_ADVERTISING_DATA: Final = 31
 """Octets of data in a PDU of legacy advertising."""
 CLOCK_ACCURACIES_PPM: Final = (500, 250, 150, 100, 75, 50, 30, 20)
 """Largest error of a sleep clock, by its code SCA."""
-INTERVAL_UNIT: Final[Time] = 1_250 * US
-TIMEOUT_UNIT: Final[Time] = 10 * MS
 OFFSET_UNITS: Final[tuple[Time, Time]] = (30 * US, 300 * US)
 """Units of the offset to a packet, by the bit that tells the unit."""
 
@@ -249,17 +248,11 @@ def _encode_offset(offset: Time, what: str) -> int:
 
 def _ll_data_fault(ll_data: LLData) -> str | None:
     """Return why there is no connection with *ll_data*, or None."""
-    interval, timeout = ll_data.interval, ll_data.timeout
-    if not 6 * INTERVAL_UNIT <= interval <= 3200 * INTERVAL_UNIT:
-        return f"a connection interval of {interval} ns"
-    if not 0 <= ll_data.latency < 500:
-        return f"a latency of {ll_data.latency} events"
-    if not 10 * TIMEOUT_UNIT <= timeout <= 3200 * TIMEOUT_UNIT or timeout <= 2 * (1 + ll_data.latency) * interval:
-        return f"a supervision timeout of {timeout} ns"
-    if not INTERVAL_UNIT <= ll_data.window_size <= min(10 * MS, interval - INTERVAL_UNIT):
-        return f"a transmit window of {ll_data.window_size} ns"
-    if not 0 <= ll_data.window_offset <= interval:
-        return f"a transmit window offset of {ll_data.window_offset} ns"
+    try:
+        ConnectionParameters(ll_data.interval, ll_data.latency, ll_data.timeout)
+        TransmitWindow(ll_data.window_size, ll_data.window_offset).check(ll_data.interval)
+    except UserError as error:
+        return str(error)
     if ll_data.hop not in HOP_INCREMENTS:
         return f"a hop increment of {ll_data.hop}"
     return None

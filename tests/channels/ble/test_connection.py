@@ -8,7 +8,7 @@ import pytest
 from cosim.channels.ble.anchors import Anchors, Expectation
 from cosim.channels.ble.arq import Fragment
 from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
-from cosim.channels.ble.connection import ConnectionParameters, TransmitWindow, event_at, instant_for
+from cosim.channels.ble.connection import event_at, instant_for
 from cosim.channels.ble.control import (
     PHY_1M,
     PHY_2M,
@@ -22,6 +22,7 @@ from cosim.channels.ble.control import (
 )
 from cosim.channels.ble.exchange import Packet, Reception, Side
 from cosim.channels.ble.link import Link, Loss, run_event
+from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.pdu import LLData, Llid
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M
 from cosim.channels.bluetooth.clock import NativeClock

@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 
 from cosim.channels.ble.arq import Fragment
 from cosim.channels.ble.channel_map import ChannelMap
-from cosim.channels.ble.connection import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.control import (
     LAYOUTS,
     ChannelMapInd,
@@ -20,6 +19,7 @@ from cosim.channels.ble.control import (
     encode_control,
 )
 from cosim.channels.ble.l2cap import Message, Reassembly, fragments
+from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.pdu import Llid
 from cosim.errors import WireError
 

@@ -9,9 +9,9 @@ from cosim.channels.ble import control
 from cosim.channels.ble.anchors import Anchors
 from cosim.channels.ble.arq import Fragment
 from cosim.channels.ble.channel_map import ChannelMap
-from cosim.channels.ble.connection import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.exchange import Reception, Side
 from cosim.channels.ble.link import Link, LinkEnd
+from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
 from cosim.channels.ble.phy import PHYS
 from cosim.channels.bluetooth.clock import NativeClock

@@ -211,16 +211,16 @@ def test_what_is_no_data_pdu_is_refused(octets: str, why: str) -> None:
 
 LONGEST = LL_DATA._replace(interval=4 * S, latency=0, timeout=32 * S)
 IMPOSSIBLE = [
-    (LL_DATA._replace(interval=6_250 * US), "a connection interval of 6250000 ns"),
-    (LONGEST._replace(interval=4 * S + 1_250 * US), "a connection interval of 4001250000 ns"),
-    (LL_DATA._replace(latency=500), "a latency of 500"),
-    (LL_DATA._replace(timeout=90 * MS, latency=0), "a supervision timeout of 90000000 ns"),
-    (LL_DATA._replace(timeout=160 * MS), "a supervision timeout of 160000000 ns"),  # 2 * (1 + 3) * 20 ms
-    (LONGEST._replace(timeout=32_010 * MS), "a supervision timeout of 32010000000 ns"),
-    (LL_DATA._replace(window_size=0), "a transmit window of 0 ns"),
-    (LL_DATA._replace(window_size=11_250 * US), "a transmit window of 11250000 ns"),
-    (LL_DATA._replace(interval=7_500 * US, window_size=7_500 * US), "a transmit window of 7500000 ns"),
-    (LL_DATA._replace(window_offset=21_250 * US), "a transmit window offset of 21250000 ns"),
+    (LL_DATA._replace(interval=6_250 * US), "connection interval: 6.25 ms is not a multiple"),
+    (LONGEST._replace(interval=4 * S + 1_250 * US), "connection interval: 4001.25 ms is not a multiple"),
+    (LL_DATA._replace(latency=500), "latency: 500 events is not from 0 to 499"),
+    (LL_DATA._replace(timeout=90 * MS, latency=0), "supervision timeout: 90 ms is not"),
+    (LL_DATA._replace(timeout=160 * MS), "supervision timeout: 160 ms is not"),  # 2 * (1 + 3) * 20 ms
+    (LONGEST._replace(timeout=32_010 * MS), "supervision timeout: 32010 ms is not"),
+    (LL_DATA._replace(window_size=0), "transmit window: 0 ms is not a multiple"),
+    (LL_DATA._replace(window_size=11_250 * US), "transmit window: 11.25 ms is not a multiple"),
+    (LL_DATA._replace(interval=7_500 * US, window_size=7_500 * US), "transmit window: 7.5 ms is not a multiple"),
+    (LL_DATA._replace(window_offset=21_250 * US), "transmit window offset: 21.25 ms is not a multiple"),
     (LL_DATA._replace(hop=4), "a hop increment of 4"),
     (LL_DATA._replace(hop=17), "a hop increment of 17"),
 ]
@@ -283,7 +283,7 @@ def test_ll_data_of_another_length_or_without_channels_is_refused() -> None:
         (ConnectInd(ANN, BOB, LL_DATA._replace(access_address=1 << 32)), "access address"),
         (ConnectInd(ANN, BOB, LL_DATA._replace(crc_init=1 << 24)), "CRCInit"),
         (ConnectInd(ANN, BOB, LL_DATA._replace(sca=8)), "SCA"),
-        (ConnectInd(ANN, BOB, LL_DATA._replace(interval=20 * MS + 1)), "not a multiple of 1250000"),
+        (ConnectInd(ANN, BOB, LL_DATA._replace(interval=20 * MS + 1)), "not a multiple of 1.25 ms"),
         (Extended(type=KINDS.ADV_IND), "ADV_IND"),
         (Extended(data=bytes(255)), "256 octets"),
         (Extended(additional=bytes(63)), "length of the extended header"),
