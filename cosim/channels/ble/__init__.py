@@ -5,8 +5,8 @@ Begin with ``pdu``: what is in the packets of advertising, scanning and connecti
 ``selection`` say on which channel a connection event is.
 
 A connection is a ``link`` of two ends, each with its ``arq``: ``parameters`` and ``anchors`` say when its events are,
-``exchange`` goes through one, ``connection`` when it changes or is given up. ``l2cap`` and ``control`` are what its PDUs
-carry, and ``capacity`` is how much of that fits. No channel of a scenario is made of all this yet.
+``exchange`` goes through one, ``connection`` when it changes or is given up. ``l2cap`` and ``control`` are what its
+PDUs carry, and ``capacity`` is how much of that fits. No channel of a scenario is made of all this yet.
 
 A peer's bad octets raise WireError wherever they are decoded; what cannot be encoded raises ValueError.
 """
