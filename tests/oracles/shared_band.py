@@ -68,10 +68,10 @@ class World:
             levels.append(fsum(mw for signal, mw in powers if signal.begin <= now < signal.end))
         return levels
 
-    def overlap(self, signals: Sequence[Signal], ear: Ear, begin: int, end: int, least: float) -> set[Signal]:
+    def overlap(self, signals: Sequence[Signal], ear: Ear, begin: int, end: int, least: float) -> list[Signal]:
         """Return what is there in any microsecond of [begin, end), with *least* of its power in the filter."""
         counts = [s for s in signals if self.share(s, ear) >= least and self.taken_mw(s, ear) > 0.0]
-        return {signal for now in range(begin, end) for signal in counts if signal.begin <= now < signal.end}
+        return [signal for signal in counts if any(signal.begin <= now < signal.end for now in range(begin, end))]
 
 
 class Plan(NamedTuple):

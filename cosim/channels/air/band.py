@@ -63,7 +63,10 @@ class Tenant(Protocol):
 
     @property
     def asks_from(self) -> Time:
-        """The instant from which it may still ask for interference: the start of its oldest reception under way."""
+        """Instant from which it may still ask for interference.
+
+        It is the start of the oldest reception under way, or of what is not decided yet by who has not caught up.
+        """
 
     def catch_up(self, until: Time) -> None:
         """Tell the band all emissions that start before *until*, in their order of time.
