@@ -199,6 +199,33 @@ def test_after_a_failure_the_band_answers_again():
     assert band.interference(EAR, 0, 100, Wanted(asker.number, NOBODY)) == [Section(0, 100, 0.0)]
 
 
+class Late(Quiet):
+    """A channel that tells what it sends when it catches up only."""
+
+    def __init__(self, band: Band) -> None:
+        super().__init__()
+        self.number = band.join(self)
+        self._band = band
+
+    def catch_up(self, until: Time) -> None:
+        self._band.tell(frame(0, until, tenant=self.number))
+
+
+def test_whatever_is_asked_others_have_told_before_and_the_asker_is_not_called():
+    def late() -> tuple[Band, Wanted]:
+        band = near(Band(2, 20.0), now=-1)
+        asker, _ = Late(band), Late(band)
+        return band, Wanted(asker.number, NOBODY)
+
+    band, wanted = late()
+    assert band.interference(EAR, 0, 10, wanted) == [Section(0, 10, 1.0)]
+    band, wanted = late()
+    assert band.overlapped(EAR, 0, 10, wanted, 1.0) == [frame(0, 10, tenant=1)]
+    band, wanted = late()
+    near(band, -10.0, 10)  # both have told what they sent before, with the gains that held then
+    assert band.interference(EAR, 0, 10, wanted) == [Section(0, 10, 2.0)]
+
+
 def test_who_is_alone_is_never_asked_to_catch_up():
     class Alone(Quiet):
         def catch_up(self, until: Time) -> None:
