@@ -6,5 +6,7 @@ models of real radios are packages: ``bluetooth`` (piconets and scatternets, to 
 802.11 with routing). ``radios`` gives each robot several of these channels at once.
 
 Shared by the radios are ``propagation``, the gains between robots in a building, and ``jamming``, the transmitters that
-disturb. A channel knows robots by address and position only; it knows no protocol, no body and no other channel.
+disturb. None of them uses these yet: ``air``, a band that radios of several technologies share, and ``ble``, the link
+layer of Bluetooth Low Energy. A channel knows robots by address and position only; it knows no protocol, no body and no
+other channel.
 """

@@ -62,7 +62,7 @@ class World:
 
     def each_microsecond(self, signals: Sequence[Signal], ear: Ear, begin: int, end: int) -> list[float]:
         """Return what disturbs a receiver in each microsecond of [begin, end)."""
-        powers = [(signal, self.taken_mw(signal, ear)) for signal in signals]
+        powers = [(signal, mw) for signal in signals if (mw := self.taken_mw(signal, ear)) > 0.0]
         levels = []
         for now in range(begin, end):
             levels.append(fsum(mw for signal, mw in powers if signal.begin <= now < signal.end))

@@ -198,9 +198,9 @@ WANTED = ("several sections", "disturbed", "silent", "several at once", "met wit
 def test_the_band_equals_the_oracle_and_everything_occurs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bands, "_ROOM", 2)
     seen: Counter[str] = Counter()
-    for seed in range(200):
+    for seed in range(60):
         compare(seed, seen)
-    assert all(seen[what] >= 20 for what in WANTED), seen
+    assert all(seen[what] >= 5 for what in WANTED), seen
 
 
 @pytest.mark.soak
