@@ -4,6 +4,8 @@ Begin with ``pdu``: what is in the packets of advertising, scanning and connecti
 ``channels`` (numbers and frequencies), ``access`` (access addresses), ``crc`` and ``whitening``; ``channel_map`` and
 ``selection`` say on which channel a connection event is.
 
+``advertising`` and ``scanning`` say when a device is heard that is not connected.
+
 A connection is a ``link`` of two ends, each with its ``arq``: ``parameters`` and ``anchors`` say when its events are,
 ``exchange`` goes through one, ``connection`` when it changes or is given up. ``l2cap`` and ``control`` are what its
 PDUs carry, and ``capacity`` is how much of that fits. No channel of a scenario is made of all this yet.

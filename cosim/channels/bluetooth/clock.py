@@ -39,15 +39,27 @@ class NativeClock:
 
 
 @njit(cache=True)
+def local_at(phase: Time, ppm: int, time: Time) -> Time:
+    """Return :meth:`NativeClock.local`, for kernels."""
+    return phase + time + time * ppm // MILLION
+
+
+@njit(cache=True)
 def tick_at(phase: Time, ppm: int, time: Time) -> int:
     """Return :meth:`NativeClock.tick`, for kernels."""
-    return (phase + time + time * ppm // MILLION) // TICK
+    return local_at(phase, ppm, time) // TICK
+
+
+@njit(cache=True)
+def instant_of(phase: Time, ppm: int, local: Time) -> Time:
+    """Return :meth:`NativeClock.at_local`, for kernels: in whole turns and a rest, lest a product leaves 64 bits."""
+    rate = MILLION + ppm
+    elapsed = local - phase
+    turns = elapsed // rate
+    return turns * MILLION - (turns * rate - elapsed) * MILLION // rate
 
 
 @njit(cache=True)
 def start_of(phase: Time, ppm: int, tick: int) -> Time:
-    """Return :meth:`NativeClock.time_of`, for kernels: in whole turns and a rest, so that no product leaves 64 bits."""
-    rate = MILLION + ppm
-    elapsed = tick * TICK - phase
-    turns = elapsed // rate
-    return turns * MILLION - (turns * rate - elapsed) * MILLION // rate
+    """Return :meth:`NativeClock.time_of`, for kernels."""
+    return instant_of(phase, ppm, tick * TICK)
