@@ -7,10 +7,13 @@ from cosim.errors import UserError
 from cosim.units import MS, US, Time
 
 INTERVAL_UNIT: Final[Time] = 1_250 * US
+"""Unit of intervals, transmit windows and their offsets."""
 TIMEOUT_UNIT: Final[Time] = 10 * MS
+"""Unit of supervision timeouts."""
 MOST_LATENCY: Final = 499
 """Largest number of events in a row that a peripheral may sleep through."""
 LONGEST_WINDOW: Final[Time] = 10 * MS
+"""Largest size of a transmit window."""
 
 
 def _check(what: str, time: Time, unit: Time, low: Time, high: Time) -> None:
