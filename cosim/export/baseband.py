@@ -15,11 +15,11 @@ from struct import Struct
 from typing import Any, Final, NamedTuple
 
 from cosim.channels.bluetooth.bits.packet import TYPE_CODES, Fhs, Header, payload_bytes
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import GIAC
 from cosim.channels.bluetooth.packets import ACL, PACKETS
 from cosim.channels.bluetooth.radio import Heard, Identity, Part
 from cosim.channels.bluetooth.scanning import RESPONSE_DELAY
+from cosim.channels.clock import NativeClock
 from cosim.export.pcapng import BROADCAST, CRC_ERROR, INBOUND, UNICAST, Interface, Packet
 from cosim.machine import Address
 from cosim.units import SLOT, Time

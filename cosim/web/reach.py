@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.channels.adhoc.settings import AdhocSettings
-from cosim.channels.bluetooth.reach import POWER_DBM, noise_dbm
+from cosim.channels.bluetooth.powers import POWER_DBM, noise_dbm
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import NEAREST_M, PropagationSettings

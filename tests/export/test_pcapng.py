@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from cosim.channels.bluetooth.bits.codes import crc16
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.radio import Identity
+from cosim.channels.clock import NativeClock
 from cosim.cli import main
 from cosim.export.baseband import LINK_TYPE, interface, packets
 from cosim.export.pcapng import INBOUND, Interface, Packet, write_pcapng

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.links import Memberships, Presence
+from cosim.channels.clock import NativeClock
 from cosim.intervals import Interval, Intervals
 from cosim.present import Present
 from cosim.timeline.growing import Growing

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from cosim.channels.ble.channels import ADVERTISING
 from cosim.channels.ble.phy import LE_1M, T_IFS
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.clock import NativeClock
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
 from cosim.units import MS, Time

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from cosim.channels.ble.phy import T_IFS
-from cosim.channels.bluetooth.clock import MILLION, NativeClock
+from cosim.channels.clock import MILLION, NativeClock
 from cosim.units import US, Time
 
 JITTER: Final[Time] = 16 * US

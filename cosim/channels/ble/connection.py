@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from cosim.channels.ble.parameters import ConnectionParameters
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.clock import NativeClock
 from cosim.units import Time
 
 ESTABLISHMENT_INTERVALS: Final = 6

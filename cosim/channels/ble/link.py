@@ -36,7 +36,7 @@ from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, Phy
 from cosim.channels.ble.selection import channel_1, channel_2, identifier
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError, WireError
 from cosim.units import Time
 

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from cosim.channels.ble.advertising import Advertiser, next_start
 from cosim.channels.ble.channels import ADVERTISING
-from cosim.channels.bluetooth.clock import NativeClock, instant_of, local_at
+from cosim.channels.clock import NativeClock, instant_of, local_at
 from cosim.errors import LocalProtocolError
 from cosim.jit import njit
 from cosim.randomness import Draws

@@ -20,7 +20,6 @@ messages and of the slot adjustment (LMP, FHS) is neglected.
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, Inquiry, InquiryScanner
 from cosim.channels.bluetooth.links import ALWAYS, Presence
@@ -30,6 +29,7 @@ from cosim.channels.bluetooth.piconet import Piconet
 from cosim.channels.bluetooth.queues import LinkEvents
 from cosim.channels.bluetooth.radio import Radio
 from cosim.channels.bluetooth.settings import BluetoothSettings
+from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Handle
 from cosim.machine import (

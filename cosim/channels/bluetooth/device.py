@@ -13,20 +13,21 @@ import numpy as np
 import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Flying, Positions
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
+from cosim.channels.bluetooth.powers import POWER_DBM
 from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
-from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
+from cosim.channels.clock import NativeClock
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
+from cosim.channels.reach import Disc, Fading
 from cosim.errors import LocalProtocolError, UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.intervals import Interval

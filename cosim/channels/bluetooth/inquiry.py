@@ -22,7 +22,6 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.channels.bluetooth.bits.errors import HEADER
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import (
     GIAC,
     NARROW,
@@ -45,6 +44,7 @@ from cosim.channels.bluetooth.scanning import (
     next_meeting_between,
     train_words,
 )
+from cosim.channels.clock import NativeClock
 from cosim.channels.courses import Phase
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Handle

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from cosim.channels.bluetooth import polling
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.polling import (
     BEACON,
     CLOCK_PHASE,
@@ -43,6 +42,7 @@ from cosim.channels.bluetooth.polling import (
     State,
 )
 from cosim.channels.bluetooth.transport import Transport
+from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError
 from cosim.intervals import Intervals
 from cosim.machine import Address, Mode

@@ -25,9 +25,9 @@ from cosim.channels.bluetooth.bits.errors import (
     failed_section,
     section_probabilities,
 )
-from cosim.channels.bluetooth.clock import start_of, tick_at
 from cosim.channels.bluetooth.hopping import train_phase_of
 from cosim.channels.bluetooth.packets import ACCESS_AIR, HEADER_AIR, ID_AIR
+from cosim.channels.clock import start_of, tick_at
 from cosim.channels.jamming import Jammer, jams
 from cosim.jit import COMPILES, njit
 from cosim.randomness import philox_words

@@ -22,8 +22,8 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cosim.channels.bluetooth.clock import start_of, tick_at
 from cosim.channels.bluetooth.packets import HEADER_AIR
+from cosim.channels.clock import start_of, tick_at
 from cosim.jit import njit
 from cosim.units import Time
 

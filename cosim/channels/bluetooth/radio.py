@@ -22,7 +22,6 @@ from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, LOG_POWERS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
-from cosim.channels.bluetooth.clock import NativeClock, start_of
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, MET, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
@@ -36,6 +35,7 @@ from cosim.channels.bluetooth.polling import (
     USED,
     WORD,
 )
+from cosim.channels.clock import NativeClock, start_of
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.kernel import Kernel

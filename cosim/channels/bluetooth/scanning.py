@@ -20,10 +20,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cosim.arrays import Int64s
-from cosim.channels.bluetooth.clock import MILLION, NativeClock, start_of, tick_at
 from cosim.channels.bluetooth.hopping import KOFFSET, Train, page_channel, train_phase
 from cosim.channels.bluetooth.medium import TRAIN, Records, records
 from cosim.channels.bluetooth.packets import ID_AIR
+from cosim.channels.clock import MILLION, NativeClock, start_of, tick_at
 from cosim.channels.courses import Stretch
 from cosim.intervals import Interval
 from cosim.jit import njit

@@ -12,11 +12,11 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from cosim.channels.base import Arrival
 from cosim.channels.bluetooth import polling
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.links import Links, Parking
 from cosim.channels.bluetooth.packets import ACL, PacketType
 from cosim.channels.bluetooth.queues import LinkEvents, Queues
 from cosim.channels.bluetooth.radio import Air
+from cosim.channels.clock import NativeClock
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import Address, LinkEvent
 from cosim.units import S, Time

@@ -6,7 +6,7 @@ from math import sqrt
 import pytest
 
 from cosim.channels.ble.advertising import LONGEST_DELAY, REQUEST_ROOM, Advertiser, Event
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.clock import NativeClock
 from cosim.randomness import Draws
 
 US, MS, S = 1_000, 1_000_000, 1_000_000_000

@@ -25,7 +25,7 @@ from cosim.channels.ble.link import Link, Loss, run_event
 from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.pdu import LLData, Llid
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError, UserError
 
 US, MS, S = 1_000, 1_000_000, 1_000_000_000

@@ -14,7 +14,7 @@ from cosim.channels.ble.link import Link, LinkEnd
 from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
 from cosim.channels.ble.phy import PHYS
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.clock import NativeClock
 from tests.oracles.campaign import Choice, Seeded, chance, pick
 from tests.oracles.le_connection import BAD, HEARD, MISSED, US, Bye, Case, Input, Map, Model, Put, Result, Sent, Update
 from tests.tiers import soak_count

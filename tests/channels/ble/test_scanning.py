@@ -12,7 +12,7 @@ import pytest
 
 from cosim.channels.ble.advertising import Advertiser
 from cosim.channels.ble.scanning import BACKOFF, Backoff, HeardPdu, Run, ScanWindows, next_heard
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError
 from cosim.randomness import Draws
 from tests.oracles import discovery, discovery_density, le_discovery

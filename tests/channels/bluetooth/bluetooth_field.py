@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.radio import Air, Heard
+from cosim.channels.clock import NativeClock
 from cosim.kernel import Kernel
 from cosim.units import TICK
 

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from cosim.channels.base import Arrival
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.piconet import Piconet
 from cosim.channels.bluetooth.radio import Air, Frame, Heard, Identity, Radio
 from cosim.channels.bluetooth.state import PiconetSettings
+from cosim.channels.clock import NativeClock
 from cosim.channels.jamming import Jammer
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import (

@@ -9,12 +9,12 @@ from scipy import stats
 
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.bits.errors import HEADER, section_errors
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import GIAC, basic_channel, inquiry_channel, scan_channels
 from cosim.channels.bluetooth.links import Links
 from cosim.channels.bluetooth.packets import DH1, DM1, FHS, ID
 from cosim.channels.bluetooth.radio import Air, Fate, Frame, Heard, Part
 from cosim.channels.bluetooth.scanning import IdTrain
+from cosim.channels.clock import NativeClock
 from cosim.channels.jamming import CONSTANT, PULSED, SWEEPING, Jammer
 from cosim.machine import Address
 from cosim.units import MS, TICK, US, Time

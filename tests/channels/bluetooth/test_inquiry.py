@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import train_phase
 from cosim.channels.bluetooth.inquiry import (
     Inquiry,
@@ -13,6 +12,7 @@ from cosim.channels.bluetooth.inquiry import (
     known_offset,
 )
 from cosim.channels.bluetooth.radio import Heard, Identity, Radio
+from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE
 from cosim.randomness import Draws

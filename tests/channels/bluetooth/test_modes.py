@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.clock import NativeClock
 from cosim.machine import BROADCAST, Address, Hold, LinkEvent, Lost, Mode, Outcome, Sniff
 from cosim.units import MS, SLOT, TICK, S, Time
 from tests.channels.bluetooth.piconet_bench import Bench

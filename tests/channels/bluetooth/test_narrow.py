@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import (
     GIAC,
     NARROW,
@@ -16,6 +15,7 @@ from cosim.channels.bluetooth.hopping import (
 )
 from cosim.channels.bluetooth.packets import ID_AIR
 from cosim.channels.bluetooth.scanning import WINDOW, IdTrain, ScanWindows, next_meeting
+from cosim.channels.clock import NativeClock
 from cosim.units import TICK
 
 RNG = np.random.default_rng(11)

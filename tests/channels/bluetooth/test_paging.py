@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import basic_channel, inquiry_response_channel, page_scan_channel, train_phase
 from cosim.channels.bluetooth.paging import Page, PageScanner, PageSettings
 from cosim.channels.bluetooth.radio import Heard, Identity, Radio
 from cosim.channels.bluetooth.scanning import ScanSettings
+from cosim.channels.clock import NativeClock
 from cosim.kernel import WAKE
 from cosim.units import MS, TICK, US, S
 from tests.channels.bluetooth.bluetooth_field import CLOCK_RANGE, Field, clock_in_block, random_clock

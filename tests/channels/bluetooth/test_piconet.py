@@ -5,10 +5,10 @@ The master's clock begins a TX slot at time 0, so that slot pair j starts at j *
 
 import pytest
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import basic_channel
 from cosim.channels.bluetooth.packets import ACL, DM1
 from cosim.channels.bluetooth.radio import Heard
+from cosim.channels.clock import NativeClock
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Outcome
 from cosim.units import MS, SLOT, TICK, US, S, Time

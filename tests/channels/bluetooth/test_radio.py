@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import GIAC, inquiry_channel, page_channel, scan_channels
 from cosim.channels.bluetooth.medium import GAPS
 from cosim.channels.bluetooth.radio import Fate, Frame, Heard, Interference, Part
 from cosim.channels.bluetooth.scanning import IdTrain
+from cosim.channels.clock import NativeClock
 from cosim.units import MS, TICK, US, Time
 from tests.channels.bluetooth.radio_scene import (
     ACCESS_END,

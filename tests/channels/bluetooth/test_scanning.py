@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import page_channel, page_scan_channel
 from cosim.channels.bluetooth.scanning import (
     WINDOW,
@@ -15,6 +14,7 @@ from cosim.channels.bluetooth.scanning import (
     next_meeting,
     next_meeting_between,
 )
+from cosim.channels.clock import NativeClock
 from cosim.units import MS, TICK, US
 
 ADDRESS = 0x2A96EF25
