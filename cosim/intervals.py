@@ -43,6 +43,11 @@ STATES: Final[dict[str, str]] = {
     "slave": "Bluetooth: has a link to its master=, as lt_addr=",
     "sniff": "Bluetooth: a link is in sniff mode, for attempt_slots= from offset_slots= in every interval_slots= on "
     "the master's clock; slave= at its master, master= at its slave",
+    # of radios, Bluetooth Low Energy
+    "central": "Bluetooth Low Energy: has a link to peer=, whose events it begins",
+    "initiating": "Bluetooth Low Energy: listens for the advertising of peer=, to ask it for a link",
+    "peripheral": "Bluetooth Low Energy: has a link to peer=, which begins its events",
+    "scanning": "Bluetooth Low Energy: listens for the advertising of others, to find them",
     # of radios, 802.11
     "awaits_ack": "802.11: a frame has been sent, its acknowledgement is to come",
     "awaits_cts": "802.11: an RTS has been sent, the answer that allows the frame is to come",

@@ -21,6 +21,8 @@ LONGEST_DELAY: Final[Time] = 10 * MS
 """Largest advDelay (4.4.2.2.1)."""
 LONGEST_SPACING: Final[Time] = 10 * MS
 """Largest time from the start of a PDU to that of the next one of the same event."""
+STEP_BACK: Final[Time] = 100 * MS
+"""Time by which whoever asks for events may go back at little cost."""
 REQUEST_ROOM: Final[Time] = T_IFS + LE_1M.air_time(34)
 """Time from the end of a PDU in which the longest request, a CONNECT_IND, may begin and end."""
 
@@ -37,7 +39,8 @@ class Event(NamedTuple):
 class Advertiser:
     """An advertiser and its events, of which number 0 begins at *first*; ValueError for events that do not fit.
 
-    It keeps the place of the last event that was asked for: to ask for one before it begins anew with event 0.
+    It keeps the place of the last event that was asked for, and of one some time before: to ask for an earlier one yet
+    begins anew with event 0.
     """
 
     clock: NativeClock
@@ -54,6 +57,7 @@ class Advertiser:
     channels: tuple[int, ...] = ADVERTISING
     """Indices of the channels that are used, ascending."""
     _cursor: Event = field(init=False, repr=False, compare=False)
+    _earlier: Event = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.channels or list(self.channels) != sorted(set(self.channels) & set(ADVERTISING)):
@@ -62,7 +66,7 @@ class Advertiser:
             raise ValueError(f"PDUs of {self.air_time} ns with gaps of {self.gap} ns")
         if self.offset(len(self.channels) - 1) + self.air_time > self.interval:
             raise ValueError(f"an interval of {self.interval} ns, which does not hold an event")
-        self._cursor = Event(0, self.first)
+        self._cursor = self._earlier = Event(0, self.first)
 
     @property
     def spacing(self) -> Time:
@@ -94,7 +98,9 @@ class Advertiser:
         if first.local >= least:
             return first
         if self._cursor.local >= least:
-            self._cursor = first
+            self._cursor = self._earlier if self._earlier.local < least else first
+        elif self._cursor.local - self._earlier.local > STEP_BACK:
+            self._earlier = self._cursor
         self._cursor = Event(*_last_before(*self.steps, *self._cursor, least))
         return self.after(self._cursor)
 

@@ -68,6 +68,8 @@ class Arq:
     control: deque[Fragment] = field(default_factory=deque)
     """Control PDUs; they go before data."""
     data: deque[Fragment] = field(default_factory=deque)
+    repeats: bool = False
+    """True if what was sent last, not an empty packet, had been sent before."""
     transmissions: int = 0
     """Packets sent that were not empty, repetitions included."""
     duplicates: int = 0
@@ -95,6 +97,7 @@ class Arq:
 
     def send(self, fragment: Fragment) -> DataPdu:
         """Return the PDU that carries *fragment*, which is that of :meth:`next`, or EMPTY instead of a new one."""
+        self.repeats = self.sent is not None and fragment != EMPTY
         if self.sent is None:
             self.sent = fragment
             if fragment != EMPTY:

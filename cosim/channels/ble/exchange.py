@@ -75,7 +75,9 @@ class ConnectionEvent:
         self.quiet = False
         """True if the last packet with a right CRC that the peripheral has heard had MD = 0."""
         self._ends, self._phys = ends, phys
-        self._until, self._listening = until, listening
+        self.listening = listening
+        """True if the peripheral is there to hear the first packet."""
+        self._until = until
         self._more = [True, True]  # MD that each side has last sent, as far as the central knows
         self._wrong = [0, 0]  # packets in a row that each side heard with a wrong CRC
         self._before: Packet | None = None  # the packet that has ended, if another one may follow it
@@ -97,7 +99,7 @@ class ConnectionEvent:
             raise LocalProtocolError("no packet is on the air")
         receiver = Side(1 - packet.sender)
         self.packet, heard = None, Heard()
-        if reception is Reception.MISSED or (packet.sender is Side.CENTRAL and not self._listening):
+        if reception is Reception.MISSED or (packet.sender is Side.CENTRAL and not self.listening):
             return heard
         self.anchored = True
         if reception is Reception.HEARD:

@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Final, TypeAlias
 
 from cosim.channels.ble.anchors import WINDOW_DELAYS, Anchors, Expectation
-from cosim.channels.ble.arq import Arq, Fragment, Heard
+from cosim.channels.ble.arq import EMPTY, Arq, Fragment, Heard
 from cosim.channels.ble.channel_map import ChannelMap
 from cosim.channels.ble.connection import Supervision, event_at, instant_for
 from cosim.channels.ble.control import (
@@ -34,7 +34,7 @@ from cosim.channels.ble.exchange import ConnectionEvent, Packet, Reception, Side
 from cosim.channels.ble.l2cap import LEAST_OCTETS, LEAST_TIME, LEAST_TIME_CODED, longest_payload
 from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
-from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, Phy
+from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, T_IFS, Phy
 from cosim.channels.ble.selection import channel_1, channel_2, identifier
 from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError, WireError
@@ -145,6 +145,8 @@ class Link:
         """Control PDUs that were none, or none that is known here; they are left alone."""
         self.on_air: ConnectionEvent | None = None
         """The event under way."""
+        self.access_address = ll_data.access_address
+        self.crc_init = ll_data.crc_init
         self._key = identifier(ll_data.access_address)
         self._hop, self._algorithm_2 = ll_data.hop, algorithm_2
         local, heard = (clock.local(created) for clock in clocks)
@@ -250,14 +252,49 @@ class Link:
         """Leave the next event out: the central does not send."""
         self.event += 1
 
-    def begin(self, until: Time) -> ConnectionEvent:
-        """Begin the next event, for which there is time *until* then; raise LocalProtocolError if there is no link."""
+    @property
+    def may_rest(self) -> bool:
+        """Whether nothing is to be said, so that events without errors change nothing but what :meth:`rest` does."""
+        quiet = not any(end.arq.busy or end.pending or end.leaving or end.loss for end in self.ends)
+        met = self.expected.window == 0 and self.peripheral.arq.sent == EMPTY
+        return quiet and met and self.on_air is None and self.central.phys == self.peripheral.phys
+
+    def rest(self, event: int) -> None:
+        """Pass over the events before *event*, which are polls and empty answers without errors.
+
+        Of each 1 + latency of them the peripheral hears one. Raise LocalProtocolError unless it ``may_rest``.
+        """
+        if not self.may_rest or event < self.event:
+            raise LocalProtocolError(f"a link that has come to event {self.event} does not rest until event {event}")
+        central, peripheral, step = self.central, self.peripheral, 1 + self.peripheral.parameters.latency
+        first = max(self.event, self._awake)
+        if first < event:
+            heard = (event - 1 - first) // step
+            last = first + heard * step
+            for end in self.ends:
+                end.arq.sn, end.arq.nesn = end.arq.sn ^ 1 ^ (heard & 1), end.arq.nesn ^ 1 ^ (heard & 1)
+            central.arq.sent = None
+            anchor = central.clock.at_local(self.anchors.at(last))
+            polled = anchor + central.phys[Side.CENTRAL].air_time(0)
+            peripheral.supervision.heard(polled)
+            central.supervision.heard(polled + T_IFS + central.phys[Side.PERIPHERAL].air_time(0))
+            self.expected = self.expected.anchored(last, peripheral.clock.local(anchor))
+            self._taken, self._awake = last, last + step
+        if self._taken < event - 1 and event > self.event:
+            central.arq.sent = EMPTY  # the last poll has had no answer
+        self.event = event
+
+    def begin(self, until: Time, present: bool = True) -> ConnectionEvent:
+        """Begin the next event, for which there is time *until* then; raise LocalProtocolError if there is no link.
+
+        *present*: whether the peripheral can listen, for all that is known of it elsewhere.
+        """
         anchor = self.anchor
         self.advance(anchor)
         if self.central.loss is not None or self.on_air is not None:
             raise LocalProtocolError("the central has no connection any more, or an event is under way")
         event = self.expected.event_at(self.peripheral.clock.local(anchor))
-        listening = event is not None and self._listens(event)
+        listening = present and event is not None and self._listens(event)
         self._taken = self.event if event is None else event
         ends = self.central.arq, self.peripheral.arq
         self.on_air = ConnectionEvent(ends, self.central.phys, anchor, until, listening)

@@ -1,0 +1,118 @@
+"""Connectable advertising of one device, by which it is found and connected: it follows from arithmetic.
+
+An event is not sent if anything else takes the antenna during it.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from cosim.channels.ble.access import ADVERTISING_ADDRESS
+from cosim.channels.ble.advertising import Advertiser, Event
+from cosim.channels.ble.antenna import Antenna
+from cosim.channels.ble.crc import ADVERTISING_INIT
+from cosim.channels.ble.ether import LOOKBACK, Sent
+from cosim.channels.ble.pdu import AdvertisingType, DeviceAddress, Undirected, encode_advertising
+from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M
+from cosim.channels.clock import NativeClock
+from cosim.machine import BROADCAST, Address
+from cosim.randomness import Draws
+from cosim.units import Time
+
+_FLAGS: Final = bytes.fromhex("020106")
+"""AD structure: generally discoverable, no BR/EDR."""
+_COMPLETE_NAME: Final = 0x09
+_COMPANY: Final = 0xC05100000000
+"""What device addresses begin with: random static ones have two set bits at the top."""
+
+
+def device_address(address: Address) -> DeviceAddress:
+    """Return the address on the air of the robot *address*."""
+    return DeviceAddress(_COMPANY | address, random=True)
+
+
+def advertisement(address: Address) -> bytes:
+    """Return the ADV_IND, header and payload, that the robot *address* sends: its flags and its name."""
+    name = f"robot {address}".encode()
+    data = _FLAGS + bytes([1 + len(name), _COMPLETE_NAME]) + name
+    return encode_advertising(Undirected(AdvertisingType.ADV_IND, device_address(address), data, algorithm_2=True))
+
+
+class Beacon:
+    """The advertising of the device *address*; *draws* makes the stream of advDelay of the n-th time that it begins."""
+
+    def __init__(
+        self, address: Address, clock: NativeClock, interval: Time, antenna: Antenna, draws: Callable[[int], Draws]
+    ) -> None:
+        self.pdu = advertisement(address)
+        self.advertiser: Advertiser | None = None
+        """None while it does not advertise."""
+        self.since: Time = 0
+        """When it began to advertise last."""
+        self._address, self._clock, self._interval = address, clock, interval
+        self._antenna = antenna
+        self._draws = draws
+        self._begun = 0
+        self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
+
+    def begin(self, now: Time, after: Time) -> None:
+        """Advertise from now on, first *after* a while of its own clock."""
+        if self.advertiser is None:
+            first, air_time = self._clock.local(now) + after, LE_1M.air_time(len(self.pdu) - HEADER_OCTETS)
+            draws = self._draws(self._begun)
+            self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws)
+            self.since, self._begun = now, self._begun + 1
+
+    def end(self, now: Time) -> None:
+        """Do not advertise any more: what is on the air goes to its end, and nothing begins."""
+        if self.advertiser is not None:
+            self._ended = [item for item in self._ended if item[1] > now - LOOKBACK]
+            self._ended.append((self.advertiser, now))
+            self.advertiser = None
+
+    def packet(self, channel: int, start: Time) -> Sent:
+        """Return its packet on *channel* that begins at *start*."""
+        octets = len(self.pdu) - HEADER_OCTETS
+        of_link_layer = ADVERTISING_ADDRESS, ADVERTISING_INIT, self.pdu
+        return Sent(start, self._address, BROADCAST, "ADV_IND", channel, LE_1M, octets, 0, *of_link_layer)
+
+    def sends(self, advertiser: Advertiser, event: Event) -> bool:
+        """Return whether it sends *event*: nothing else takes the antenna."""
+        return self._antenna.taken_until(*self._span(advertiser, event)) is None
+
+    def _span(self, advertiser: Advertiser, event: Event) -> tuple[Time, Time]:
+        last = len(advertiser.channels) - 1
+        begin = advertiser.start(event, 0)
+        return begin, advertiser.start(event, last) + advertiser.air_time + advertiser.gap
+
+    def _events(self, since: Time, until: Time) -> Iterator[tuple[Advertiser, Event, Time]]:
+        """Yield its events of which a packet begins in [since, until), with the instant at which it stops to send."""
+        spans = [*self._ended]
+        if self.advertiser is not None:
+            spans.append((self.advertiser, until))
+        for advertiser, over in spans:
+            event = advertiser.event_from(since)
+            while advertiser.start(event, 0) < min(until, over):
+                yield advertiser, event, over
+                event = advertiser.after(event)
+
+    def taken_until(self, start: Time, end: Time) -> Time | None:
+        """Return the end of the event that it sends in [start, end), or in part of that; None if it sends none."""
+        found = None
+        for advertiser, event, over in self._events(start - _LONGEST_EVENT, end):
+            begin, ends = self._span(advertiser, event)
+            if begin < min(end, over) and ends > start and self.sends(advertiser, event):
+                found = ends
+        return found
+
+    def packets(self, since: Time, until: Time) -> Iterator[Sent]:
+        """Yield what it sends in [since, until)."""
+        for advertiser, event, over in self._events(since, until):
+            if self.sends(advertiser, event):
+                for turn, channel in enumerate(advertiser.channels):
+                    start = advertiser.start(event, turn)
+                    if since <= start < min(until, over):
+                        yield self.packet(channel, start)
+
+
+_LONGEST_EVENT: Final = 3 * (LE_1M.air_time(37) + LE_1M.air_time(34) + 150_000)
+"""Longest duration of an event."""

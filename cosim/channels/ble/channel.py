@@ -1,0 +1,224 @@
+"""Bluetooth Low Energy as a channel: one device for each robot, all on one air, and the commands of their hosts.
+
+Inquire is scanning, Page is initiating, Scan is connectable advertising. A payload for one robot goes over the link to
+it; one for everyone goes to all that listen, links or not.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from cosim.arrays import Floats
+from cosim.channels.base import Channel, Flying, Positions
+from cosim.channels.ble.device import Device, Site
+from cosim.channels.ble.ether import Ether, Sent
+from cosim.channels.ble.hosts import Hosts, Record
+from cosim.channels.ble.session import Session
+from cosim.channels.ble.settings import BleSettings
+from cosim.channels.propagation import Barrier, Propagation
+from cosim.channels.reach import Disc, Fading
+from cosim.errors import UserError
+from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.kernel import Kernel
+from cosim.machine import (
+    BROADCAST,
+    Address,
+    Disconnect,
+    Flush,
+    Hold,
+    Inquire,
+    LinkCommand,
+    Mode,
+    ModeChanged,
+    Outgoing,
+    Page,
+    Park,
+    Role,
+    RoleChanged,
+    Scan,
+    Share,
+    Sniff,
+    SwitchRole,
+    Unpark,
+)
+from cosim.protocol import Metric
+from cosim.randomness import Streams
+from cosim.trace import Trace
+from cosim.units import Time
+
+Floor: TypeAlias = tuple[SegmentGrid, Floats]
+"""The walls, and the loss of each in dB."""
+NO_WALLS: Final[Floor] = (segment_grid(np.empty((0, 4))), np.empty(0))
+
+
+class BleChannel(Channel):
+    """All devices of a run. Their draws depend only on the streams "ble", purpose, address."""
+
+    metrics = (
+        Metric("frames_sent", "1", "packets on the air that carry something of hosts, each time that they are sent"),
+    )
+
+    def __init__(
+        self,
+        settings: BleSettings,
+        kernel: Kernel,
+        trace: Trace,
+        size: int,
+        streams: Streams,
+        floor: Floor | None = None,
+        powers_dbm: Sequence[float | None] = (),
+    ) -> None:
+        """*floor* is needed where signals fade; *powers_dbm* are the robots' own, None for that of the settings."""
+        super().__init__(kernel, trace, size)
+        self.settings = settings
+        sent_dbm = [settings.power_dbm if own is None else own for own in powers_dbm or [None] * size]
+        self._reach: Disc | Fading = Disc(size, settings.range_m)
+        if settings.propagation is not None:
+            walls, losses_db = floor or NO_WALLS
+            propagation = Propagation(settings.propagation, walls, losses_db, streams.draws("ble", "shadowing"))
+            self._reach = Fading(np.array(sent_dbm, dtype=np.float64), propagation)
+        self._ether = Ether(settings, kernel, self._reach, sent_dbm, streams.draws("ble", "errors"))
+        self._record = Record(trace)
+        self._hosts = Hosts(kernel, self.deliver, self.note_unsent, self.payloads, self.intervals)
+        self.devices: list[Device] = []
+        of_run = self._hosts, self._record, streams, self._may_rest, self._changed
+        site = Site(kernel, self._ether, settings, self.devices, *of_run)
+        for address in range(size):
+            self.devices.append(Device(site, address))
+        self._ether.lazies += [device.beacon.packets for device in self.devices]
+        self._ether.lazies.append(self._resting)
+        for device in self.devices:
+            device.start(first=True)
+
+    # ---------------------------------------------------------------- hosts' payloads and commands
+
+    def send(self, source: Address, outgoing: Outgoing) -> None:
+        """Queue a payload at the device of *source*; nothing happens if that is off."""
+        if self._ether.on[source]:
+            device = self.devices[source]
+            (device.broadcast if outgoing.destination == BROADCAST else device.send)(outgoing)
+
+    def command(self, source: Address, command: LinkCommand) -> None:
+        """Carry out a link command; answers come as link events. Nothing happens if the device is off."""
+        if not self._ether.on[source]:
+            return
+        device = self.devices[source]
+        match command:
+            case Inquire() | Page():
+                device.request(command)
+            case Scan():
+                device.want_scan(command.enabled)
+            case Disconnect():
+                if command.peer in device.links:
+                    device.links[command.peer].close(source)
+            case Flush():
+                if command.destination == BROADCAST:
+                    device.flush_broadcasts()
+                elif command.destination in device.links:
+                    device.links[command.destination].flush(source)
+            case Hold() | Sniff() | Park() | Unpark():  # links have a latency instead, from their beginning
+                mode = Mode.ACTIVE if command.peer in device.links else Mode.NONE
+                self._hosts.report(source, ModeChanged(command.peer, mode))
+            case SwitchRole(peer=peer):
+                session = device.links.get(peer)
+                if session is None:
+                    self._hosts.report(source, ModeChanged(peer, Mode.NONE))
+                else:
+                    role = Role.MASTER if session.central == source else Role.SLAVE
+                    self._hosts.report(source, RoleChanged(peer, role))
+            case Share():
+                pass  # a device is in all of its piconets: their events are at other times
+
+    # ---------------------------------------------------------------- reach
+
+    def in_reach(self, address: Address) -> tuple[Address, ...]:
+        """Return all other devices that receive *address* with their sensitivity, if all are on."""
+        return tuple(a for a in range(self.size) if a != address and self._ether.hears(address, a))
+
+    def moved(self, positions_m: Positions) -> None:
+        """Take the robots' new positions."""
+        if self._ether.moved(positions_m):
+            self._changed()
+
+    def power(self, address: Address, on: bool) -> None:
+        """Switch the radio at *address* on or off. Its host gets no event; the others find out by supervision."""
+        if on == bool(self._ether.on[address]):
+            return
+        if on:
+            self._ether.switch(address, True)
+            self.intervals.end(address, "off", self.kernel.now)
+            self.devices[address].start()
+        else:
+            self.devices[address].switch_off()
+            self._ether.switch(address, False)
+            self.intervals.begin(address, "off", self.kernel.now)
+        self._changed()
+
+    def obstruct(self, barriers: Sequence[Barrier]) -> None:
+        """Put *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
+        if isinstance(self._reach, Disc):
+            raise UserError("radios without propagation notice no walls")
+        self._reach.obstruct(barriers)
+        self._ether.changed()
+        self._changed()
+
+    def _sessions(self) -> list[Session]:
+        """Return the links of which an end is left."""
+        found = {id(session): session for device in self.devices for session in device.links.values()}
+        return list(found.values())
+
+    def _changed(self) -> None:
+        """Have scans and links take notice of who is in reach, or on the air, now."""
+        for device in self.devices:
+            if device.search is not None:
+                device.search.refresh()
+        for session in self._sessions():
+            session.reconsider()
+
+    def _may_rest(self, session: Session) -> bool:
+        """Return whether no other link, and no table, keeps *session* from resting."""
+        if self._record.wanted and self.settings.idle_frames:
+            return False
+        central, peripheral = (self.devices[terminal.address] for terminal in session.terminals)
+        mine = all(other.central == session.central for other in central.links.values())
+        return mine and len(peripheral.links) == 1 and not self._others_noticed(session)
+
+    def _others_noticed(self, session: Session) -> bool:
+        """Return whether an end of *session* may notice a link of another central."""
+        if self.settings.interference == "none":
+            return False
+        ends = [terminal.address for terminal in session.terminals]
+        others = [other for other in self._sessions() if other.central != session.central]
+        return any(
+            self._ether.notices(terminal.address, end)
+            for other in others
+            for terminal in other.terminals
+            for end in ends
+        )
+
+    def _resting(self, since: Time, until: Time) -> Iterator[Sent]:
+        for session in self._sessions():
+            yield from session.packets(since, until)
+
+    # ---------------------------------------------------------------- records
+
+    def flying(self, now: Time) -> list[Flying]:
+        """Return the packets that are on the air *now*."""
+        return [
+            Flying(
+                packet.start,
+                packet.source,
+                packet.end,
+                packet.kind,
+                packet.destination,
+                packet.length,
+                packet.centre_mhz - 2402,
+            )
+            for packet in self._ether.on_air(now)
+            if packet.start <= now
+        ]
+
+    def summary(self) -> dict[str, float]:
+        """Return the number of packets with something of hosts in them."""
+        return {"frames_sent": float(self._ether.sent)}

@@ -1,0 +1,433 @@
+"""One LE device: its procedures, one at a time, its links, its advertising, and what it sends to everyone.
+
+A device can be central of some links and peripheral of others at once. It advertises as long as its host wants it to be
+found, also with links, and begins anew when a link has come up. It scans during a procedure; else it listens to
+payloads for everyone. All of this is done by one antenna.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cosim.channels.ble.access import draw
+from cosim.channels.ble.anchors import WINDOW_DELAYS
+from cosim.channels.ble.antenna import Antenna
+from cosim.channels.ble.beacon import Beacon, device_address
+from cosim.channels.ble.broadcasting import LONGEST_BROADCAST, AdvertisingSet
+from cosim.channels.ble.channel_map import ALL_CHANNELS
+from cosim.channels.ble.channels import ADVERTISING
+from cosim.channels.ble.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
+from cosim.channels.ble.discovery import Search
+from cosim.channels.ble.ether import Ether, Sent
+from cosim.channels.ble.exchange import Reception, Side
+from cosim.channels.ble.hosts import Hosts, Record
+from cosim.channels.ble.l2cap import MOST_TIME, MOST_TIME_CODED
+from cosim.channels.ble.link import Link
+from cosim.channels.ble.parameters import INTERVAL_UNIT
+from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, ConnectInd, LLData, encode_advertising
+from cosim.channels.ble.phy import CODED_S8, HEADER_OCTETS, LE_1M, LE_2M, T_IFS, Phy
+from cosim.channels.ble.scanning import ScanWindows
+from cosim.channels.ble.selection import HOP_INCREMENTS
+from cosim.channels.ble.session import Limits, Session, Terminal
+from cosim.channels.ble.settings import BleSettings, ScanSettings
+from cosim.channels.clock import NativeClock
+from cosim.kernel import Handle, Kernel
+from cosim.machine import (
+    Address,
+    Connected,
+    Discovered,
+    Inquire,
+    InquiryComplete,
+    Outcome,
+    Outgoing,
+    Page,
+    PageFailed,
+    Role,
+)
+from cosim.randomness import Draws, Streams
+from cosim.units import Time, from_seconds
+
+MOST_SETS: Final = 16
+"""Advertising sets that a device has at once; further payloads for everyone wait."""
+_PHYS: Final[dict[str, tuple[Phy, int]]] = {
+    "1M": (LE_1M, PHY_1M),
+    "2M": (LE_2M, PHY_2M),
+    "coded": (CODED_S8, PHY_CODED),
+}
+_DELAY: Final = WINDOW_DELAYS["legacy"]
+
+
+class Site(NamedTuple):
+    """What all devices of a run share."""
+
+    kernel: Kernel
+    ether: Ether
+    settings: BleSettings
+    devices: "list[Device]"
+    """All of them, by address."""
+    hosts: Hosts
+    record: Record
+    streams: Streams
+    may_rest: Callable[[Session], bool]
+    """Whether no other link keeps one from resting."""
+    changed: Callable[[], None]
+    """Called when a device begins or ceases to advertise, or a link has come up or is gone."""
+
+
+class Device:
+    """The device *address*."""
+
+    def __init__(self, site: Site, address: Address) -> None:
+        self.address = address
+        self.antenna = Antenna()
+        self.links: dict[Address, Session] = {}
+        """Its links, by the device at the other end."""
+        self.search: Search | None = None
+        """The scan of the procedure under way."""
+        self._site = site
+        stream = site.streams("ble", "device", address)
+        settings = site.settings
+        phase = int(stream.integers(settings.advertise.interval + settings.scan.interval + settings.listen.interval))
+        spread = settings.clock_ppm
+        self.clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
+        self._stream = stream
+        self.beacon = Beacon(
+            address,
+            self.clock,
+            settings.advertise.interval,
+            self.antenna,
+            lambda number: site.streams.draws("ble", "delay", address, number),
+        )
+        self._scan = _windows(self.clock, settings.scan, stream)
+        self._listen = _windows(self.clock, settings.listen, stream)
+        self._set_draws: Draws = site.streams.draws("ble", "sets", address)
+        self._findable = True
+        self._procedures: deque[Inquire | Page] = deque()
+        self._procedure: Inquire | Page | None = None
+        self._end: Handle | None = None
+        self._found: list[Address] = []
+        self._sets: list[AdvertisingSet] = []
+        self._waiting: deque[Outgoing] = deque()
+        self._sent_sets = 0
+
+    def start(self, first: bool = False) -> None:
+        """Be switched on: advertise if that is wanted."""
+        interval = self._site.settings.advertise.interval
+        if first:
+            self._advertise(int(self._stream.integers(interval)))
+        else:
+            self._advertise()
+
+    # ---------------------------------------------------------------- what it hears
+
+    def is_free(self, start: Time, end: Time) -> bool:
+        """Return whether it was on, and its antenna was free to listen, in [start, end)."""
+        free = self.antenna.taken_until(start, end) is None and self.beacon.taken_until(start, end) is None
+        return free and self._site.ether.was_on(self.address, start)
+
+    def listens(self, channel: int, start: Time, end: Time) -> bool:
+        """Return whether it listened on *channel* all of [start, end)."""
+        windows = self._listen if self.search is None else self._scan
+        return windows.channel(start) == channel == windows.channel(end - 1) and self.is_free(start, end)
+
+    # ---------------------------------------------------------------- payloads
+
+    def send(self, outgoing: Outgoing) -> None:
+        """Send a payload over a link."""
+        session = self.links.get(outgoing.destination)
+        if session is None:
+            self._site.hosts.over(self.address, outgoing, Outcome.NO_LINK)
+        else:
+            session.send(self.address, outgoing)
+
+    def broadcast(self, outgoing: Outgoing) -> None:
+        """Send a payload to everyone who listens."""
+        limit = self._site.settings.queue_payloads
+        if len(outgoing.payload) > LONGEST_BROADCAST:
+            self._site.hosts.over(self.address, outgoing, Outcome.TOO_LONG)
+        elif limit is not None and len(self._sets) + len(self._waiting) >= limit:
+            self._site.hosts.over(self.address, outgoing, Outcome.QUEUE_FULL)
+        else:
+            now, payloads = self._site.kernel.now, self._site.hosts.payloads
+            payloads.accept(outgoing, self.address, outgoing.destination, len(outgoing.payload), now)
+            self._waiting.append(outgoing)
+            self._next_sets()
+
+    def _next_sets(self) -> None:
+        site = self._site
+        while self._waiting and len(self._sets) < MOST_SETS:
+            self._sets.append(
+                AdvertisingSet(
+                    site.kernel,
+                    site.ether,
+                    self,
+                    site.devices,
+                    self._waiting.popleft(),
+                    self._sent_sets,
+                    site.settings.broadcast,
+                    self._set_draws,
+                    site.hosts,
+                    site.record,
+                    self._set_over,
+                )
+            )
+            self._sent_sets += 1
+
+    def _set_over(self, advertising: AdvertisingSet) -> None:
+        self._sets.remove(advertising)
+        self._next_sets()
+
+    def flush_broadcasts(self) -> None:
+        """Take out of the queue the payloads for everyone that have not been on the air."""
+        while self._waiting:
+            self._site.hosts.over(self.address, self._waiting.popleft(), Outcome.FLUSHED)
+
+    # ---------------------------------------------------------------- advertising
+
+    def want_scan(self, enabled: bool) -> None:
+        """Let itself be found and connected, or not."""
+        self._findable = enabled
+        if enabled:
+            self._advertise()
+        else:
+            self._conceal()
+
+    def _advertise(self, after: Time = 0) -> None:
+        if self._findable and self._site.ether.on[self.address] and self.beacon.advertiser is None:
+            self.beacon.begin(self._site.kernel.now, after)
+            self._site.changed()
+
+    def _conceal(self) -> None:
+        self.beacon.end(self._site.kernel.now)
+        self._site.changed()
+
+    # ---------------------------------------------------------------- procedures
+
+    def request(self, command: Inquire | Page) -> None:
+        """Inquire or page once the procedures asked for before are over."""
+        self._procedures.append(command)
+        self._begin_next()
+
+    def _begin_next(self) -> None:
+        while self._procedure is None and self._procedures:
+            command = self._procedures.popleft()
+            if isinstance(command, Inquire):
+                self._inquire(command)
+            else:
+                self._page(command)
+
+    def _inquire(self, command: Inquire) -> None:
+        if command.enough < 1 or command.duration < 1:
+            self._site.hosts.report(self.address, InquiryComplete(()))
+            return
+        self._found = []
+        self._begin(command, command.duration, lambda peer: peer not in self._found, self._discovered)
+
+    def _page(self, command: Page) -> None:
+        peer = command.peer
+        strange = peer == self.address or not 0 <= peer < len(self._site.devices)
+        if strange or peer in self.links or self._part() is None:
+            self._site.hosts.report(self.address, PageFailed(peer))
+            return
+        duration = from_seconds(self._site.settings.page_s)
+        self._begin(command, duration, lambda other: other == peer, self._connect)
+
+    def _begin(
+        self,
+        command: Inquire | Page,
+        duration: Time,
+        wanted: Callable[[Address], bool],
+        heard: "Callable[[Device, Sent], None]",
+    ) -> None:
+        site = self._site
+        self._procedure = command
+        self._end = site.kernel.after(duration, self._time_out)
+        site.hosts.intervals.begin(self.address, self._state, site.kernel.now, self._detail)
+        peers = [device for device in site.devices if device is not self]
+        self.search = Search(site.kernel, site.ether, self, peers, self._scan, wanted, heard, site.record)
+
+    @property
+    def _state(self) -> str:
+        return "scanning" if isinstance(self._procedure, Inquire) else "initiating"
+
+    @property
+    def _detail(self) -> str:
+        return f"peer={self._procedure.peer}" if isinstance(self._procedure, Page) else ""
+
+    def _over(self) -> None:
+        """End the procedure under way."""
+        site = self._site
+        if self.search is not None:
+            self.search.end()
+        if self._end is not None:
+            self._end.cancel()
+        if self._procedure is not None:
+            site.hosts.intervals.end(self.address, self._state, site.kernel.now, self._detail)
+        self.search = self._end = self._procedure = None
+
+    def _time_out(self) -> None:
+        command = self._procedure
+        self._over()
+        if isinstance(command, Page):
+            self._site.hosts.report(self.address, PageFailed(command.peer))
+        else:
+            self._site.hosts.report(self.address, InquiryComplete(tuple(self._found)))
+        self._begin_next()
+
+    def _discovered(self, peer: "Device", packet: Sent) -> None:
+        command = self._procedure
+        assert isinstance(command, Inquire)
+        self._found.append(peer.address)
+        self._site.hosts.report(self.address, Discovered(peer.address))
+        if len(self._found) >= command.enough:
+            self._time_out()
+
+    # ---------------------------------------------------------------- initiating
+
+    def _part(self) -> int | None:
+        """Return a free part of the interval, of which each link that it is the central of has one."""
+        connection = self._site.settings.connection
+        taken = {session.part for session in self.links.values() if session.central == self.address}
+        return next((part for part in range(connection.links) if part not in taken), None)
+
+    def _connect(self, peer: "Device", packet: Sent) -> None:
+        """Send a CONNECT_IND to *peer*, whose advertisement has just been heard, if the antenna is free for it."""
+        part, start = self._part(), packet.end + T_IFS
+        assert part is not None  # it was free as the procedure began, and only that makes links as central
+        ll_data, first = self._ll_data(part, start)
+        pdu = encode_advertising(ConnectInd(device_address(self.address), device_address(peer.address), ll_data, True))
+        octets = len(pdu) - HEADER_OCTETS
+        of_link_layer = packet.access_address, packet.crc_init, pdu
+        request = Sent(
+            start, self.address, peer.address, "CONNECT_IND", packet.channel, LE_1M, octets, 0, *of_link_layer
+        )
+        if self.antenna.taken_until(start, request.end) is not None:
+            return
+        self.antenna.book(start, request.end, self)
+        self._site.ether.send(request)
+        self._procedure_stops()
+        self._site.kernel.at(request.end, lambda: self._requested(peer, request, ll_data, first, part))
+
+    def _procedure_stops(self) -> None:
+        """Look for nothing more: the request is on its way, and that makes the link."""
+        assert self.search is not None
+        assert self._end is not None
+        self.search.end()
+        self._end.cancel()
+
+    def _ll_data(self, part: int, start: Time) -> tuple[LLData, Time]:
+        """Return what a CONNECT_IND from *start* on proposes, and when its first event is after its window begins.
+
+        Events begin at the same time of each interval of the central's clock, in *part* of it.
+        """
+        connection, parameters = self._site.settings.connection, self._site.settings.connection.parameters
+        opens = self.clock.local(start + LE_1M.air_time(34)) + _DELAY
+        phase = part * (parameters.interval // connection.links)
+        wait = (phase - opens) % parameters.interval
+        offset = wait // INTERVAL_UNIT * INTERVAL_UNIT
+        ll_data = LLData(
+            access_address=draw(self._stream),
+            crc_init=int(self._stream.integers(1 << 24)),
+            window_size=INTERVAL_UNIT,
+            window_offset=offset,
+            interval=parameters.interval,
+            latency=parameters.latency,
+            timeout=parameters.timeout,
+            channel_map=ALL_CHANNELS,
+            hop=int(self._stream.integers(HOP_INCREMENTS.start, HOP_INCREMENTS.stop)),
+            sca=self._site.settings.sca,
+        )
+        return ll_data, wait - offset
+
+    def _requested(self, peer: "Device", request: Sent, ll_data: LLData, first: Time, part: int) -> None:
+        """Have a link as central, and *peer* one as peripheral if it has heard the *request*."""
+        site = self._site
+        if not site.ether.was_on(self.address, request.start):
+            return
+        here = site.ether.was_on(peer.address, request.start) and peer.beacon.advertiser is not None
+        here = here and peer.antenna.booked_until(request.start, request.end) is None
+        judgement = site.ether.judge(request, peer.address)
+        if site.record.wanted:
+            site.record.sent(request, True)
+            site.record.judged(request, peer.address, judgement)
+        heard = here and judgement.reception is Reception.HEARD and self.address not in peer.links
+        self._over()
+        session = self._session(peer, ll_data, first, part, heard)
+        self._join(peer.address, session, Role.MASTER, ll_data.access_address)
+        if heard:
+            peer.join_as_peripheral(self.address, session, ll_data.access_address)
+        session.begin()
+        self._begin_next()
+
+    def _session(self, peer: "Device", ll_data: LLData, first: Time, part: int, heard: bool) -> Session:
+        site, connection = self._site, self._site.settings.connection
+        ppm = CLOCK_ACCURACIES_PPM[site.settings.sca]
+        clocks = self.clock, peer.clock
+        link = Link(ll_data, site.kernel.now, clocks, ppm, start=first)
+        phy, bits = _PHYS[connection.phy]
+        limits = Limits(
+            connection.mtu_octets, site.settings.queue_payloads, connection.interval // connection.links, phy
+        )
+        terminals = Terminal(self.address, self.antenna), Terminal(peer.address, peer.antenna, gone=not heard)
+        for end in link.ends:
+            end.likes = bits
+        if connection.octets > 27:
+            time = MOST_TIME_CODED if bits == PHY_CODED else MOST_TIME
+            lengths = Lengths(False, connection.octets, time, connection.octets, time)
+            link.peripheral.lengths = lengths
+            link.request_lengths(Side.CENTRAL, lengths)
+        if bits != PHY_1M:
+            link.request_phys(Side.CENTRAL, bits)
+        return Session(
+            site.kernel, site.ether, link, part, terminals, limits, site.hosts, site.record, self._left, site.may_rest
+        )
+
+    def join_as_peripheral(self, central: Address, session: Session, access_address: int) -> None:
+        """Have a link in which this device is the peripheral; its advertising begins anew."""
+        if isinstance(self._procedure, Page) and self._procedure.peer == central:
+            self._over()
+            self._site.hosts.report(self.address, PageFailed(central))
+        self._conceal()
+        self._join(central, session, Role.SLAVE, access_address)
+        self._advertise()
+        self._begin_next()
+
+    def _join(self, peer: Address, session: Session, role: Role, access_address: int) -> None:
+        self.links[peer] = session
+        state = "central" if role is Role.MASTER else "peripheral"
+        self._site.hosts.intervals.begin(self.address, state, self._site.kernel.now, f"peer={peer}")
+        self._site.hosts.report(self.address, Connected(peer, role, access_address))
+        self._site.changed()
+
+    def _left(self, address: Address, peer: Address) -> None:
+        """Note that the link of the device *address* to *peer* is over for it."""
+        site = self._site
+        device = site.devices[address]
+        session = device.links.pop(peer, None)
+        if session is not None:
+            state = "central" if session.central == address else "peripheral"
+            site.hosts.intervals.end(address, state, site.kernel.now, f"peer={peer}")
+
+    # ---------------------------------------------------------------- power
+
+    def switch_off(self) -> None:
+        """Forget all that is under way, and report nothing."""
+        self._conceal()
+        self._procedures.clear()
+        self._over()
+        for advertising in self._sets:
+            advertising.cancel()
+        self._sets.clear()
+        self._waiting.clear()
+        for session in list(self.links.values()):
+            session.drop(self.address)
+        self._site.hosts.payloads.lose(self.address, self._site.kernel.now)
+
+
+def _windows(clock: NativeClock, settings: ScanSettings, stream: np.random.Generator) -> ScanWindows:
+    """Return windows whose beginning, and first channel, are drawn from *stream*."""
+    turn = int(stream.integers(len(ADVERTISING)))
+    channels = ADVERTISING[turn:] + ADVERTISING[:turn]
+    return ScanWindows(clock, int(stream.integers(settings.interval)), settings.interval, settings.window, channels)

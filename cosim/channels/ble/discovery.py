@@ -1,0 +1,89 @@
+"""Looking for devices that advertise: scanning and initiating, from one advertisement to the next that may be heard.
+
+Which packet of which device would be heard next follows from arithmetic, so that nothing happens in between, and
+nothing at all once all devices in reach are known.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from cosim.channels.ble.ether import Ether, Sent
+from cosim.channels.ble.exchange import Reception
+from cosim.channels.ble.hosts import Record
+from cosim.channels.ble.scanning import HeardPdu, ScanWindows, next_heard
+from cosim.kernel import Handle, Kernel
+from cosim.machine import Address
+from cosim.units import Time
+
+if TYPE_CHECKING:
+    from cosim.channels.ble.device import Device
+
+
+class Search:
+    """The search of *device* for those of *peers* that are *wanted*, in *windows*, until it is ended.
+
+    *heard* is called with (device, packet) at the end of an advertisement that was heard.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        ether: Ether,
+        device: "Device",
+        peers: "Sequence[Device]",
+        windows: ScanWindows,
+        wanted: Callable[[Address], bool],
+        heard: Callable[["Device", Sent], None],
+        record: Record,
+    ) -> None:
+        self._kernel, self._ether = kernel, ether
+        self._device, self._peers = device, peers
+        self._windows = windows
+        self._wanted, self._heard = wanted, heard
+        self._record = record
+        self._began = kernel.now
+        self._next: Handle | None = None
+        self._since: dict[Address, Time] = {}  # from when on packets of a peer have not been looked at
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Find the next advertisement anew: robots have moved, or begun or ceased to advertise."""
+        if self._next is not None:
+            self._next.cancel()
+            self._next = None
+        found = [(pdu.end, peer.address, peer, pdu) for peer in self._peers if (pdu := self._candidate(peer))]
+        if found:
+            end, _, peer, pdu = min(found)
+            self._next = self._kernel.at(end, lambda: self._look(peer, pdu))
+
+    def _candidate(self, peer: "Device") -> HeardPdu | None:
+        advertiser, me = peer.beacon.advertiser, self._device.address
+        if advertiser is None or not self._wanted(peer.address) or not self._ether.notices(peer.address, me):
+            return None
+        under_way = self._kernel.now - advertiser.air_time + 1  # it has begun and is not over
+        since = max(self._since.get(peer.address, 0), peer.beacon.since, self._began, under_way)
+        return next_heard(advertiser, self._windows, since, LATER)
+
+    def _look(self, peer: "Device", pdu: HeardPdu) -> None:
+        self._since[peer.address] = pdu.start + 1
+        packet = peer.beacon.packet(pdu.channel, pdu.start)
+        sent = peer.beacon.taken_until(pdu.start, pdu.end) is not None
+        if sent and self._device.is_free(pdu.start, pdu.end):
+            judgement = self._ether.judge(packet, self._device.address)
+            if self._record.wanted:
+                self._record.sent(packet, True)
+                self._record.judged(packet, self._device.address, judgement)
+            if judgement.reception is Reception.HEARD:
+                self._heard(peer, packet)
+        if self._next is not None:
+            self.refresh()
+
+    def end(self) -> None:
+        """End the search."""
+        if self._next is not None:
+            self._next.cancel()
+        self._next, self._peers = None, ()
+
+
+LATER: Time = 1 << 61
+"""A time that no run reaches."""

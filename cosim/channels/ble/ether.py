@@ -1,0 +1,265 @@
+"""What LE devices send, how strong it is where, and what a receiver makes of it.
+
+Whoever sends a packet says so when it begins, and when it is over; in between nobody is told. What a receiver has made
+of a packet is decided at its end, when all is known that was on the air meanwhile. Each packet stands by itself: that a
+receiver is taken up with another one, earlier and weaker, is neglected.
+
+What follows from arithmetic, such as advertising that nobody scans for, is not sent one by one. It is told to the band
+for the last ``LOOKBACK`` before somebody asks what has disturbed a packet.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+import cosim.elementary as elementary
+from cosim.arrays import Bools, Floats
+from cosim.channels.air.band import Band, Emission, Section
+from cosim.channels.air.emissions import Tuning, Wanted
+from cosim.channels.air.spectra import LE_1M as KIND_1M
+from cosim.channels.air.spectra import LE_2M as KIND_2M
+from cosim.channels.base import Positions
+from cosim.channels.ble.channels import frequency_mhz, rf_channel
+from cosim.channels.ble.errors import UNNOTICED, is_clear, noise_mw, ratio, received
+from cosim.channels.ble.exchange import Reception
+from cosim.channels.ble.phy import LE_1M, LE_2M, Phy
+from cosim.channels.ble.settings import BleSettings
+from cosim.channels.reach import Disc, Fading
+from cosim.kernel import Kernel
+from cosim.machine import Address
+from cosim.randomness import Draws
+from cosim.units import MS, Time
+
+LOOKBACK: Final[Time] = 40 * MS
+"""Time before an instant in which what is on the air at that instant began, and what it met: two longest packets."""
+
+
+@dataclass(slots=True)
+class Sent:
+    """A packet on the air."""
+
+    start: Time
+    source: Address
+    destination: Address
+    kind: str
+    channel: int
+    """Index of its channel."""
+    phy: Phy
+    octets: int
+    """Of its payload."""
+    length: int = 0
+    """Octets of users' payloads in it."""
+    access_address: int = 0
+    crc_init: int = 0
+    pdu: bytes = b""
+    again: bool = False
+    """True if its payload has been on the air before."""
+    powers_dbm: Floats | None = None
+    """What each device receives of it, (n,)."""
+
+    @property
+    def end(self) -> Time:
+        """The end of its last bit."""
+        return self.start + self.phy.air_time(self.octets)
+
+    @property
+    def centre_mhz(self) -> int:
+        """The centre of its channel."""
+        return frequency_mhz(rf_channel(self.channel))
+
+
+class Judgement(NamedTuple):
+    """What became of a packet at a receiver."""
+
+    reception: Reception
+    outcome: str
+    """As in the table ``frames``."""
+    part: str = ""
+    power_dbm: float | None = None
+    sinr_db: float | None = None
+
+
+Lazy: TypeAlias = Callable[[Time, Time], Iterable[Sent]]
+"""(since, until) -> what follows from arithmetic and begins in [since, until)."""
+
+
+class Ether:
+    """What *size* devices send to each other; *sent_dbm* are their powers. It is a tenant of its *band*."""
+
+    def __init__(
+        self, settings: BleSettings, kernel: Kernel, reach: Disc | Fading, sent_dbm: Sequence[float], draws: Draws
+    ) -> None:
+        size = len(sent_dbm)
+        self.on: Bools = np.ones(size, dtype=np.bool_)
+        """Which devices are switched on."""
+        self.lazies: list[Lazy] = []
+        self.sent = 0
+        """Packets that carried something of hosts."""
+        self._on_air: list[Sent] = []
+        self._kernel = kernel
+        self._reach = reach
+        self._fading = isinstance(reach, Fading)
+        self._sensitivity_dbm = settings.sensitivity_dbm
+        self._sent_dbm = np.array(sent_dbm, dtype=np.float64) if self._fading else np.zeros(size)
+        self._sent_mw = elementary.exp10s(self._sent_dbm / 10.0).tolist()
+        self._draws = draws
+        self._off_at: list[Time] = [-1] * size  # when each was last switched off
+        self._moved_at: Time = 0
+        self._powers_dbm = reach.power_dbm()
+        self._earlier_dbm = self._powers_dbm
+        self._stale = False
+        self._asks = settings.interference == "band"
+        self._told: Time = 0
+        self._band = Band(size, 0.0)
+        self._tenant = self._band.join(self)
+        self._gains_known = False
+
+    # ---------------------------------------------------------------- who hears whom
+
+    def moved(self, positions_m: Positions) -> bool:
+        """Take new positions, and return whether that changes anything."""
+        if not self._reach.moved(positions_m):
+            return False
+        self.changed()
+        return True
+
+    def changed(self) -> None:
+        """Note that the powers between devices are others from now on."""
+        if self._moved_at != self._kernel.now and not self._stale:
+            self._earlier_dbm = self._powers_dbm
+        self._moved_at = self._kernel.now
+        self._stale, self._gains_known = True, False
+
+    @property
+    def powers_dbm(self) -> Floats:
+        """What each device (column) receives of each other (row) now, (n, n)."""
+        if self._stale:
+            self._powers_dbm = self._reach.power_dbm()
+            self._stale = False
+        return self._powers_dbm
+
+    def hears(self, sender: Address, receiver: Address) -> bool:
+        """Return whether *receiver* receives *sender* with its sensitivity, or more, and both are on."""
+        if not (self.on[sender] and self.on[receiver]):
+            return False
+        power = float(self.powers_dbm[sender, receiver])
+        return power >= self._sensitivity_dbm if self._fading else power > -np.inf
+
+    def notices(self, sender: Address, receiver: Address) -> bool:
+        """Return whether *receiver* may ever notice a packet of *sender* on LE 1M, and both are on."""
+        return self._g(sender, receiver, LE_1M) >= UNNOTICED
+
+    def clear(self, sender: Address, receiver: Address, phy: Phy) -> bool:
+        """Return whether packets of *sender* on *phy* come to *receiver* without errors if nothing disturbs them."""
+        return is_clear(self._g(sender, receiver, phy))
+
+    def _g(self, sender: Address, receiver: Address, phy: Phy) -> float:
+        if not (self.on[sender] and self.on[receiver]):
+            return 0.0
+        return self._ratio(phy, float(self.powers_dbm[sender, receiver]), 0.0)
+
+    def _ratio(self, phy: Phy, power_dbm: float, interference_mw: float) -> float:
+        if power_dbm == -np.inf:
+            return 0.0
+        return ratio(phy, elementary.exp10(power_dbm / 10.0), self._noise_mw(phy) + interference_mw)
+
+    def _noise_mw(self, phy: Phy) -> float:
+        return noise_mw(phy, self._sensitivity_dbm) if self._fading else 0.0
+
+    # ---------------------------------------------------------------- packets
+
+    def send(self, packet: Sent) -> None:
+        """Put *packet*, which begins now or soon, on the air."""
+        packet.powers_dbm = self.powers_dbm[packet.source]
+        self.sent += packet.length > 0
+        self._on_air = [*self.on_air(self._kernel.now), packet]
+        if self._asks:
+            self._take_gains()
+            self._tell(packet)
+
+    def on_air(self, now: Time) -> list[Sent]:
+        """Return what has been sent and is not over *now*."""
+        return [packet for packet in self._on_air if packet.end > now]
+
+    def judge(self, packet: Sent, receiver: Address) -> Judgement:
+        """Return what a *receiver* that has listened to all of *packet*, which ends now, makes of it."""
+        powers = packet.powers_dbm
+        if powers is None:  # it follows from arithmetic
+            powers = (self.powers_dbm if packet.start >= self._moved_at else self._earlier_dbm)[packet.source]
+        power_dbm = float(powers[receiver])
+        if not self.was_on(packet.source, packet.start) or self._ratio(packet.phy, power_dbm, 0.0) < UNNOTICED:
+            return Judgement(Reception.MISSED, "out_of_range")
+        sections = self._interference(packet, receiver)
+        worst = max(section.mw for section in sections)
+        g = self._ratio(packet.phy, power_dbm, worst)
+        shown = (power_dbm, _decibels(g)) if self._fading else (None, _decibels(g) if worst else None)
+        if is_clear(g):
+            return Judgement(Reception.HEARD, "received", "", *shown)
+        return self._drawn(packet, receiver, power_dbm, sections)._replace(power_dbm=shown[0], sinr_db=shown[1])
+
+    def _drawn(self, packet: Sent, receiver: Address, power_dbm: float, sections: Sequence[Section]) -> Judgement:
+        power_mw, noise = elementary.exp10(power_dbm / 10.0), self._noise_mw(packet.phy)
+        header, payload = received(packet.phy, packet.octets, power_mw, noise, sections, packet.start)
+        words = self._draws.words(packet.start, packet.source << 16 | receiver)
+        broken = "collided" if any(section.mw for section in sections) else "bit_errors"
+        if words[0] * 2.0**-32 >= header:
+            return Judgement(Reception.MISSED, broken, "header")
+        if words[1] * 2.0**-32 >= payload:
+            return Judgement(Reception.BAD_CRC, broken, "payload")
+        return Judgement(Reception.HEARD, "received")
+
+    def was_on(self, device: Address, since: Time) -> bool:
+        """Return whether *device* is on, and has been all the time *since* then."""
+        return bool(self.on[device]) and self._off_at[device] <= since
+
+    def switch(self, device: Address, on: bool) -> None:
+        """Note that *device* is on, or off, from now on."""
+        self.on[device] = on
+        if not on:
+            self._off_at[device] = self._kernel.now
+
+    # ---------------------------------------------------------------- the band
+
+    def _interference(self, packet: Sent, receiver: Address) -> list[Section]:
+        if not self._asks:
+            return [Section(packet.start, packet.end, 0.0)]
+        self._take_gains()
+        self.catch_up(packet.end)
+        tuning = Tuning(_kind(packet.phy), 2 * packet.centre_mhz, receiver)
+        wanted = Wanted(self._tenant, packet.source)
+        return self._band.interference(tuning, packet.start, packet.end, wanted)
+
+    def _take_gains(self) -> None:
+        """Have the band know the powers of now, from the instant of their change on."""
+        if not self._gains_known:
+            self._gains_known = True
+            self._band.moved(self.powers_dbm - self._sent_dbm[:, None], max(self._moved_at, self._told))
+
+    def _tell(self, packet: Sent) -> None:
+        mw = self._sent_mw[packet.source]
+        at = 2 * packet.centre_mhz
+        emission = Emission(packet.start, packet.end, _kind(packet.phy), at, packet.source, self._tenant, mw)
+        self._band.tell(emission)
+
+    @property
+    def asks_from(self) -> Time:
+        """Instant from which it may still ask for interference."""
+        return self._kernel.now - LOOKBACK
+
+    def catch_up(self, until: Time) -> None:
+        """Tell the band what follows from arithmetic and begins before *until*, as far back as it can matter."""
+        since, self._told = max(self._told, until - LOOKBACK), max(self._told, until)
+        if self._asks and since < until:
+            for lazy in self.lazies:
+                for packet in lazy(since, until):
+                    self._tell(packet)
+
+
+def _kind(phy: Phy) -> int:
+    return KIND_2M if phy == LE_2M else KIND_1M
+
+
+def _decibels(factor: float) -> float | None:
+    return None if factor == float("inf") else 10.0 * elementary.log10(factor)

@@ -1,0 +1,375 @@
+"""A link in a run: its events, packet by packet, what its hosts send over it, and when it is lost.
+
+While nothing is to be said, and nothing can go wrong, a link rests: there is no event for its polls, which are counted
+when it goes on. It rests while both ends hear each other without errors, neither has a link to anybody but this central
+and its peripherals, and no other piconet is near enough to be noticed. What is broadcast meanwhile does not disturb the
+polls of a link that rests; nor would it matter, as the next one is an interval away.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Final
+
+from cosim.channels.ble.antenna import Antenna
+from cosim.channels.ble.arq import Fragment
+from cosim.channels.ble.ether import Ether, Judgement, Sent
+from cosim.channels.ble.exchange import Packet, Reception, Side
+from cosim.channels.ble.hosts import Hosts, Record
+from cosim.channels.ble.l2cap import ATTRIBUTES, LEAST_OCTETS, Message, Reassembly, fragments
+from cosim.channels.ble.link import Link
+from cosim.channels.ble.pdu import Llid, encode_data
+from cosim.channels.ble.phy import T_IFS, Phy
+from cosim.errors import WireError
+from cosim.kernel import Handle, Kernel
+from cosim.machine import Address, Lost, Outcome, Outgoing
+from cosim.machine import Reception as Arrived
+from cosim.units import Time
+
+NOTIFICATION: Final = bytes.fromhex("1b0300")
+"""Opcode and handle of an ATT notification, in which payloads are sent."""
+_KINDS: Final = {Llid.START: "DATA", Llid.CONTINUATION: "DATA", Llid.CONTROL: "CONTROL"}
+
+
+@dataclass(slots=True)
+class Terminal:
+    """An end of a link: the device *address*, and what its host has given it to send."""
+
+    address: Address
+    antenna: Antenna
+    queue: deque[tuple[Outgoing, int]] = field(default_factory=deque)
+    """(payload, number of its fragments) that are not acknowledged, in order."""
+    reassembly: Reassembly = field(default_factory=Reassembly)
+    gone: bool = False
+    """True if its link is over, and its host knows it, or is off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a link can carry."""
+
+    mtu: int
+    """Octets of the longest ATT PDU."""
+    queue: int | None
+    """Payloads that an end holds; None: any number."""
+    part: Time
+    """Time that each event has at least."""
+    phy: Phy
+    """The PHY to which it changes."""
+
+
+class Session:
+    """A *link* between two *terminals*, central and peripheral; *lost* is called with (address, peer) for each end."""
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        ether: Ether,
+        link: Link,
+        part: int,
+        terminals: tuple[Terminal, Terminal],
+        limits: Limits,
+        hosts: Hosts,
+        record: Record,
+        lost: Callable[[Address, Address], None],
+        may_rest: "Callable[[Session], bool]",
+    ) -> None:
+        """*may_rest* tells whether nothing but what is said on the link itself keeps it from resting."""
+        self.terminals = terminals
+        self.link = link
+        self.part = part
+        """Which part of each interval of its central it has."""
+        self._kernel, self._ether = kernel, ether
+        self._limits = limits
+        self._hosts, self._record = hosts, record
+        self._lost, self._may_rest = lost, may_rest
+        self._resting = False
+        self._next: Handle | None = None
+        self._watch: Handle | None = None
+        self._on_air: Sent | None = None
+        for terminal in terminals:
+            if not terminal.gone:
+                terminal.antenna.claims.append(self)
+
+    def begin(self) -> None:
+        """Begin with its events."""
+        self._go_on()
+
+    @property
+    def central(self) -> Address:
+        """The central."""
+        return self.terminals[Side.CENTRAL].address
+
+    def side(self, address: Address) -> Side:
+        """Return which end *address* is."""
+        return Side.CENTRAL if address == self.central else Side.PERIPHERAL
+
+    @property
+    def _least(self) -> Time:
+        """The time that a poll and an empty answer take, with the pause behind each."""
+        return sum(phy.air_time(0) + T_IFS for phy in self.link.central.phys)
+
+    # ---------------------------------------------------------------- what hosts want
+
+    def send(self, address: Address, outgoing: Outgoing) -> None:
+        """Queue a payload of the end *address*."""
+        side = self.side(address)
+        terminal, end = self.terminals[side], self.link.ends[side]
+        information = NOTIFICATION + outgoing.payload
+        if len(information) > self._limits.mtu:
+            self._hosts.over(address, outgoing, Outcome.TOO_LONG)
+        elif self._limits.queue is not None and len(terminal.queue) >= self._limits.queue:
+            self._hosts.over(address, outgoing, Outcome.QUEUE_FULL)
+        else:
+            longest = min(end.longest, self._fitting())
+            parts = fragments(Message(ATTRIBUTES, information), longest, outgoing)
+            terminal.queue.append((outgoing, len(parts)))
+            self._hosts.payloads.accept(
+                outgoing, address, outgoing.destination, len(outgoing.payload), self._kernel.now
+            )
+            with self._awake():
+                end.arq.data.extend(parts)
+
+    def _fitting(self) -> int:
+        """Return the longest payload of a packet whose exchange fits into the time that an event has at least."""
+        phys = {*self.link.ends[0].phys, self._limits.phy}
+        room = min((self._limits.part - 2 * (T_IFS + phy.air_time(0))) // phy.octet for phy in phys)
+        return max(LEAST_OCTETS, min(room, 251))
+
+    def flush(self, address: Address) -> None:
+        """Take out of the queue of the end *address* what has not been on the air."""
+        side = self.side(address)
+        terminal, data = self.terminals[side], self.link.ends[side].arq.data
+        while terminal.queue and terminal.queue[-1][1] <= len(data):
+            outgoing, count = terminal.queue.pop()
+            for _ in range(count):
+                data.pop()
+            self._hosts.over(address, outgoing, Outcome.FLUSHED)
+
+    def close(self, address: Address) -> None:
+        """End the link, as the host of *address* wants."""
+        self.flush(address)
+        with self._awake():
+            self.link.terminate(self.side(address))
+
+    def drop(self, address: Address) -> None:
+        """Forget the link at the end *address*, whose device is switched off."""
+        self._leave(self.side(address))
+        self._end()
+
+    # ---------------------------------------------------------------- resting
+
+    @contextmanager
+    def _awake(self) -> Iterator[None]:
+        """Have it not rest while something is changed, and then go on as that demands."""
+        rested = self._resting
+        if rested:
+            now, anchors = self._kernel.now, self.link.anchors
+            self._ether.catch_up(now)
+            self._resting = False
+            self.link.rest(max(self.link.event, anchors.first_from(self.link.central.clock, now)))
+        yield
+        if rested:
+            self._go_on()
+
+    def reconsider(self) -> None:
+        """Go on event by event if it must not rest any more."""
+        if self._resting and not self._may(self):
+            with self._awake():
+                pass
+
+    def _may(self, session: "Session") -> bool:
+        phys, one, other = self.link.central.phys, *(terminal.address for terminal in self.terminals)
+        clear = self._ether.clear(one, other, phys[0]) and self._ether.clear(other, one, phys[1])
+        return clear and not any(terminal.gone for terminal in self.terminals) and self._may_rest(session)
+
+    def taken_until(self, start: Time, end: Time) -> Time | None:
+        """Return the end of the least exchange of its last event that has one in [start, end)."""
+        link = self.link
+        last = link.anchors.first_from(link.central.clock, end) - 1
+        begin = link.central.clock.at_local(link.anchors.at(last))
+        return begin + self._least if begin + self._least > start and last >= 0 else None
+
+    def next_from(self, time: Time) -> Time:
+        """Return its first anchor from *time* on."""
+        link = self.link
+        event = max(0, link.anchors.first_from(link.central.clock, time))
+        return link.central.clock.at_local(link.anchors.at(event))
+
+    def packets(self, since: Time, until: Time) -> Iterator[Sent]:
+        """Yield the polls and answers that begin in [since, until) while it rests."""
+        if not self._resting:
+            return
+        link = self.link
+        down, up = link.central.phys
+        event = max(link.event, link.anchors.first_from(link.central.clock, since - self._least))
+        while (start := link.central.clock.at_local(link.anchors.at(event))) < until:
+            channel = link.channel(Side.CENTRAL, event)
+            for side, at, phy in ((0, start, down), (1, start + down.air_time(0) + T_IFS, up)):
+                if since <= at < until:
+                    source, destination = self.terminals[side].address, self.terminals[1 - side].address
+                    yield Sent(at, source, destination, "EMPTY", channel, phy, 0)
+            event += 1
+
+    # ---------------------------------------------------------------- events
+
+    def _go_on(self) -> None:
+        """Rest, or have the next event begin at its anchor."""
+        if self.terminals[Side.CENTRAL].gone:
+            return
+        if self.link.may_rest and self._may(self):
+            self._resting = True
+            if self._watch is not None:
+                self._watch.cancel()
+                self._watch = None
+            return
+        self._next = self._kernel.at(self.link.anchor, self._begin)
+        self._look_out()
+
+    def _begin(self) -> None:
+        link, now = self.link, self._kernel.now
+        link.advance(now)
+        self._settle()
+        central, peripheral = self.terminals
+        if central.gone:
+            return
+        if central.antenna.booked_until(now, now + self._least, self) is not None:
+            link.skip()
+            self._go_on()
+            return
+        present = not peripheral.gone and peripheral.antenna.booked_until(now, now + self._least, self) is None
+        link.begin(self._until(now), present)
+        self._proceed()
+
+    def _until(self, now: Time) -> Time:
+        """Return when an event that begins *now* has to be over: the next one of this central begins."""
+        others = (claim for claim in self.terminals[Side.CENTRAL].antenna.claims if isinstance(claim, Session))
+        return min(session.next_from(now + 1) for session in others if session.central == self.central)
+
+    def _put(self, packet: Packet) -> None:
+        """Put *packet* on the air: it begins now, or in T_IFS."""
+        link, sender, receiver = self.link, self.terminals[packet.sender], self.terminals[1 - packet.sender]
+        pdu, end = packet.pdu, link.ends[packet.sender]
+        empty = pdu.llid is Llid.CONTINUATION and not pdu.payload
+        channel, phy = link.channel(Side.CENTRAL, link.event), link.central.phys[packet.sender]
+        length = len(pdu.payload) if pdu.llid is not Llid.CONTROL else 0
+        self._on_air = sent = Sent(
+            packet.start,
+            sender.address,
+            receiver.address,
+            "EMPTY" if empty else _KINDS[pdu.llid],
+            channel,
+            phy,
+            len(pdu.payload),
+            length,
+            link.access_address,
+            link.crc_init,
+            encode_data(pdu) if self._record.wanted else b"",
+            end.arq.repeats,
+        )
+        sender.antenna.book(sent.start, sent.end, self)
+        receiver.antenna.book(sent.start, sent.end + T_IFS, self)
+        self._ether.send(sent)
+        if sender.queue and not empty and not end.arq.repeats and pdu.llid is Llid.START:
+            self._note_begun(sender, len(end.arq.data))
+        self._next = self._kernel.at(sent.end, self._ended)
+
+    def _note_begun(self, terminal: Terminal, waiting: int) -> None:
+        """Note that the payload whose first fragment is being sent, with *waiting* fragments behind it, has begun."""
+        behind = 0
+        for outgoing, count in reversed(terminal.queue):
+            behind += count
+            if behind > waiting:
+                self._hosts.payloads.begin(outgoing, self._kernel.now)
+                return
+
+    def _ended(self) -> None:
+        sent, event = self._on_air, self.link.on_air
+        assert sent is not None
+        assert event is not None
+        assert event.packet is not None
+        side = Side(1 - event.packet.sender)
+        terminal = self.terminals[side]
+        judgement = self._judged(sent, terminal, side is Side.CENTRAL or event.listening)
+        if self._record.wanted:
+            self._record.sent(sent, self._ether.was_on(sent.source, sent.start))
+            self._record.judged(sent, terminal.address, judgement)
+        heard = self.link.ended(judgement.reception)
+        if heard.new is not None and heard.new.llid is not Llid.CONTROL:
+            self._take(terminal, sent.source, heard.new, judgement.power_dbm)
+        if heard.acknowledged is not None and heard.acknowledged.token is not None:
+            outgoing, _ = terminal.queue.popleft()
+            self._hosts.over(terminal.address, outgoing, Outcome.DELIVERED)
+        self._settle()
+        self._proceed()
+
+    def _proceed(self) -> None:
+        """Put the next packet of the event under way on the air, or end it."""
+        event = self.link.on_air
+        if event is None or event.packet is None:
+            self._finish()
+        else:
+            self._put(event.packet)
+
+    def _judged(self, sent: Sent, terminal: Terminal, listening: bool) -> Judgement:
+        if not self._ether.was_on(terminal.address, sent.start) or not listening or terminal.gone:
+            return Judgement(Reception.MISSED, "not_tuned")
+        if terminal.antenna.booked_until(sent.start, sent.end, self) is not None:
+            return Judgement(Reception.MISSED, "busy")
+        return self._ether.judge(sent, terminal.address)
+
+    def _take(self, terminal: Terminal, source: Address, fragment: Fragment, power_dbm: float | None) -> None:
+        try:
+            message = terminal.reassembly.take(fragment)
+        except WireError:  # the rest of one that was flushed at the other end
+            return
+        if message is not None:
+            payload = message.information[len(NOTIFICATION) :]
+            self._hosts.arrive((terminal.address, payload, Arrived(source, False, power_dbm)))
+
+    def _finish(self) -> None:
+        self._on_air = None
+        self.link.finish()
+        self._go_on()
+
+    # ---------------------------------------------------------------- the end
+
+    def _look_out(self) -> None:
+        """Be there when an end would give the link up."""
+        ends = zip(Side, self.terminals, strict=True)
+        deadlines = [self.link.deadline(side) for side, terminal in ends if not terminal.gone]
+        if self._watch is None and deadlines:
+            self._watch = self._kernel.at(max(min(deadlines), self._kernel.now), self._watched)
+
+    def _watched(self) -> None:
+        self._watch = None
+        self.link.advance(self._kernel.now)
+        self._settle()
+        self._look_out()
+
+    def _settle(self) -> None:
+        """Tell hosts of what has been lost."""
+        for side, end in zip(Side, self.link.ends, strict=True):
+            terminal, other = self.terminals[side], self.terminals[1 - side]
+            if end.loss is not None and not terminal.gone:
+                self._leave(side)
+                self._hosts.report(terminal.address, Lost(other.address))
+                self._end()
+
+    def _leave(self, side: Side) -> None:
+        """Give up what the end *side* holds."""
+        terminal = self.terminals[side]
+        terminal.gone = True
+        terminal.antenna.claims.remove(self)
+        self._lost(terminal.address, self.terminals[1 - side].address)
+        while terminal.queue:
+            outgoing, _ = terminal.queue.popleft()
+            self._hosts.over(terminal.address, outgoing, Outcome.FLUSHED)
+
+    def _end(self) -> None:
+        """Stop what only an end that is gone has kept going."""
+        self.reconsider()
+        if all(terminal.gone for terminal in self.terminals) and self._watch is not None:
+            self._watch.cancel()
+            self._watch = None

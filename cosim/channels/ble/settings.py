@@ -1,0 +1,183 @@
+"""Parameters of the Bluetooth Low Energy channel in a scenario."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from cosim.channels.ble.advertising import LONGEST_DELAY
+from cosim.channels.ble.parameters import ConnectionParameters
+from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM
+from cosim.channels.kinds import ChannelSettings
+from cosim.channels.propagation import PropagationSettings
+from cosim.errors import UserError
+from cosim.settings import Count, Decibels, Metres, Seconds, Settings, error_at
+from cosim.units import MS, US, Time, from_seconds
+
+UNIT: Time = 625 * US
+"""Unit of advertising and scan intervals and of scan windows."""
+PhyName = Literal["1M", "2M", "coded"]
+Interference = Literal["none", "band"]
+
+
+def _in_units(settings: Settings, name: str, low_ms: float, high_ms: float) -> Time:
+    """Return the setting *name*, s, in ns; raise a ValidationError unless it is a multiple of the unit in bounds."""
+    time = from_seconds(getattr(settings, name))
+    if time % UNIT or not low_ms * MS <= time <= high_ms * MS:
+        bounds = f"from {low_ms:g} to {high_ms:g} ms"
+        raise error_at((name,), time / MS, f"ms is not a multiple of {UNIT / MS} ms {bounds}")
+    return time
+
+
+class ScanSettings(Settings):
+    """When a device listens to advertising: a window at the beginning of each interval."""
+
+    interval_s: Seconds = Field(default=0.03, gt=0, description="s, scanInterval: the channel changes after each")
+    window_s: Seconds = Field(default=0.03, gt=0, description="s, scanWindow; as long as the interval: without a pause")
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        interval = _in_units(self, "interval_s", 2.5, 10_240)
+        if _in_units(self, "window_s", 2.5, 10_240) > interval:
+            raise error_at(("window_s",), self.window_s, f"is not <= {self.interval_s}, interval_s")
+        return self
+
+    @property
+    def interval(self) -> Time:
+        """The scanInterval in ns."""
+        return from_seconds(self.interval_s)
+
+    @property
+    def window(self) -> Time:
+        """The scanWindow in ns."""
+        return from_seconds(self.window_s)
+
+
+class AdvertiseSettings(Settings):
+    """How a device lets itself be found and connected: connectable undirected advertising."""
+
+    interval_s: Seconds = Field(
+        default=0.1, gt=0, description="s, advInterval; up to 10 ms are added to each at random"
+    )
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        _in_units(self, "interval_s", 20, 10_240)
+        return self
+
+    @property
+    def interval(self) -> Time:
+        """The advInterval in ns."""
+        return from_seconds(self.interval_s)
+
+
+class BroadcastSettings(Settings):
+    """How payloads for everyone are sent: by extended advertising, each as a set of its own."""
+
+    events: Count = Field(default=3, ge=1, le=255, description="advertising events in which a payload is sent")
+    interval_s: Seconds = Field(default=0.02, gt=0, description="s from one of them to the next, as of advertising")
+    phy: PhyName = Field(default="1M", description="PHY of the packets that carry the payload")
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        _in_units(self, "interval_s", 20, 10_240)
+        return self
+
+    @property
+    def interval(self) -> Time:
+        """The advInterval in ns."""
+        return from_seconds(self.interval_s)
+
+
+class ConnectionSettings(Settings):
+    """The links of a central, all alike."""
+
+    interval_s: Seconds = Field(default=0.03, gt=0, description="s from one event of a link to the next: connInterval")
+    latency: Count = Field(
+        default=0, description="events in a row that a peripheral with nothing to send may leave out"
+    )
+    supervision_s: Seconds = Field(default=4.0, gt=0, description="s without a packet until a link is taken for lost")
+    links: Count = Field(
+        default=8, ge=1, description="links that a central holds at most; each has its part of the interval"
+    )
+    phy: PhyName = Field(default="1M", description="PHY to which links change as they come up")
+    octets: Count = Field(default=251, ge=27, le=251, description="longest payload of a packet, agreed on after 27")
+    mtu_octets: Count = Field(
+        default=65_535, ge=23, le=65_535, description="longest ATT PDU; devices as sold have 23 to 517"
+    )
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        try:
+            interval = self.parameters.interval
+        except UserError as error:
+            raise error_at((), self.interval_s, str(error)) from None
+        if interval // self.links < LEAST_PART:
+            most = interval // LEAST_PART
+            raise error_at(("links",), self.links, f"links do not fit into {interval / MS:g} ms, at most {most} do")
+        return self
+
+    @property
+    def interval(self) -> Time:
+        """The connInterval in ns."""
+        return from_seconds(self.interval_s)
+
+    @property
+    def parameters(self) -> ConnectionParameters:
+        """The parameters of each link; UserError for what the specification does not allow."""
+        return ConnectionParameters(from_seconds(self.interval_s), self.latency, from_seconds(self.supervision_s))
+
+
+LEAST_PART: Time = 1_250 * US
+"""Least part of an interval that a link has: a poll and its answer take 460 us on LE 1M."""
+
+
+class BleSettings(ChannelSettings):
+    """Bluetooth Low Energy to the packet: advertising, scanning, initiating, and connections of several links."""
+
+    kind: Literal["ble"] = "ble"
+    range_m: Metres | None = Field(
+        default=None, gt=0, description="m, reach of a radio without a law of propagation; unlimited if not given"
+    )
+    propagation: PropagationSettings | None = Field(
+        default=None, description="how signals fade; without it everything within range_m is received without errors"
+    )
+    power_dbm: Decibels = Field(default=0.0, description="dBm, transmit power, unless the team says otherwise")
+    sensitivity_dbm: Decibels = Field(
+        default=-99.0,
+        description="dBm, power at a bit error rate of 1e-3 on LE 1M; 2M has 3 dB more, coded 9.5 dB less",
+    )
+    interference: Interference = Field(
+        default="band", description="whether what overlaps in time and frequency disturbs: nothing, or all in the band"
+    )
+    advertise: AdvertiseSettings = Field(
+        default_factory=AdvertiseSettings, description="how devices let themselves be found"
+    )
+    scan: ScanSettings = Field(default_factory=ScanSettings, description="how devices look for others, and connect")
+    listen: ScanSettings = Field(
+        default_factory=ScanSettings,
+        description="when devices listen to payloads for everyone; what else they do goes first",
+    )
+    broadcast: BroadcastSettings = Field(
+        default_factory=BroadcastSettings, description="how payloads for everyone are sent"
+    )
+    connection: ConnectionSettings = Field(default_factory=ConnectionSettings, description="how links are")
+    page_s: Seconds = Field(
+        default=5.12, gt=0, description="s until a device that cannot be connected is given up, as in Bluetooth"
+    )
+    queue_payloads: Count | None = Field(
+        default=None,
+        ge=1,
+        description="payloads that a device holds for a link, or for everyone; unlimited if not given",
+    )
+    clock_ppm: int = Field(default=20, ge=0, le=500, description="ppm, greatest error of the devices' clocks")
+    idle_frames: bool = Field(
+        default=False, description="whether recorded frames include links' polls and empty answers"
+    )
+
+    @property
+    def sca(self) -> int:
+        """The code of the clocks' accuracy."""
+        return max(code for code, ppm in enumerate(CLOCK_ACCURACIES_PPM) if ppm >= self.clock_ppm)
+
+
+assert LONGEST_DELAY < 20 * MS  # events of one advertiser never meet
