@@ -4,8 +4,9 @@ In each event an ADV_EXT_IND on all three primary channels says where and when a
 payload, on a channel that is drawn; what is longer than a packet goes on in AUX_CHAIN_INDs. Whoever has heard one of
 the three follows; whoever has the payload does not follow again, as AdvDataInfo tells.
 
-An event waits until the antenna is free for all of it, 10 ms at most for events of links that are still to come: then
-it goes before them.
+The first event, too, comes after a random delay of at most 10 ms, as hosts often speak at one instant. An event waits
+until the antenna is free for all of it and a little longer, at random, as the other end of a link may wait for the same
+instant; 10 ms at most for events of links that are still to come: then it goes before them.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,6 +44,10 @@ LONGEST_BROADCAST: Final = MOST_DATA - _OVERHEAD * _PDUS
 """Octets of the longest payload for everyone."""
 _CHANNEL: Final = 1
 """Purpose of the draws of channels."""
+_WAIT: Final = 2
+"""Purpose of the draws of waits."""
+_LONGEST_WAIT: Final[Time] = LONGEST_DELAY // 8
+"""Longest wait of an event after the antenna has become free."""
 _AUXILIARY: Final[dict[str, tuple[Phy, AuxiliaryPhy]]] = {
     "1M": (LE_1M, AuxiliaryPhy.LE_1M),
     "2M": (LE_2M, AuxiliaryPhy.LE_2M),
@@ -103,7 +108,8 @@ class AdvertisingSet:
         self._start: Time = 0
         self._next: Handle | None = None
         self._due: Time = 0
-        self._begin()
+        self._tries = 0
+        self._next = kernel.after(self._delay(), self._begin)
 
     def cancel(self) -> None:
         """Send nothing more: the device is off."""
@@ -118,6 +124,10 @@ class AdvertisingSet:
         self._plan()
         self._try()
 
+    def _delay(self) -> Time:
+        """Return advDelay before the next event."""
+        return self._draws.below(LONGEST_DELAY + 1, self._number << 8 | self._event)
+
     def _try(self) -> None:
         now, antenna = self._kernel.now, self._device.antenna
         end = now + self._duration
@@ -126,7 +136,9 @@ class AdvertisingSet:
             again.append(min(taken, self._due))
         waits = [each for each in again if each is not None]
         if waits:
-            self._next = self._kernel.at(max(now + 1, max(waits)), self._try)
+            self._tries += 1
+            late = self._draws.below(_LONGEST_WAIT, self._number << 8 | self._event, self._tries, _WAIT)
+            self._next = self._kernel.at(max(waits) + 1 + late, self._try)
             return
         antenna.book(now, end, self)
         self._start, self._follow = now, set()
@@ -165,8 +177,7 @@ class AdvertisingSet:
             return
         self._left, self._event = self._left - 1, self._event + 1
         if self._left:
-            delay = self._draws.below(LONGEST_DELAY + 1, self._number << 8 | self._event)
-            self._next = self._kernel.after(self._settings.interval - self._duration + delay, self._begin)
+            self._next = self._kernel.after(self._settings.interval - self._duration + self._delay(), self._begin)
         else:
             self._next = None
             self._hosts.over(self._device.address, self.outgoing, Outcome.SENT)
