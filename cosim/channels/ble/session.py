@@ -165,13 +165,29 @@ class Session:
         """Have it not rest while something is changed, and then go on as that demands."""
         rested = self._resting
         if rested:
-            now, anchors = self._kernel.now, self.link.anchors
-            self._ether.catch_up(now)
+            self._ether.catch_up(self._kernel.now)
             self._resting = False
-            self.link.rest(max(self.link.event, anchors.first_from(self.link.central.clock, now)))
+            self._resume()
         yield
-        if rested:
+        if rested and self._on_air is None:
             self._go_on()
+
+    def _resume(self) -> None:
+        """Come to now: pass over the events that have been, and be in the midst of one that is under way."""
+        link, now = self.link, self._kernel.now
+        event = link.anchors.first_from(link.central.clock, now)
+        begun = link.central.clock.at_local(link.anchors.at(event - 1))
+        if event - 1 < link.event or begun + self._least <= now:
+            link.rest(max(link.event, event))
+            return
+        link.rest(event - 1)
+        under_way = link.begin(self._until(begun))
+        while under_way.packet is not None and under_way.packet.end <= now:
+            link.ended(Reception.HEARD)
+        if under_way.packet is None:
+            link.finish()
+        else:
+            self._put(under_way.packet)
 
     def reconsider(self) -> None:
         """Go on event by event if it must not rest any more."""
@@ -217,6 +233,7 @@ class Session:
     def _go_on(self) -> None:
         """Rest, or have the next event begin at its anchor."""
         if self.terminals[Side.CENTRAL].gone:
+            self._look_out()
             return
         if self.link.may_rest and self._may(self):
             self._resting = True
@@ -270,7 +287,8 @@ class Session:
         )
         sender.antenna.book(sent.start, sent.end, self)
         receiver.antenna.book(sent.start, sent.end + T_IFS, self)
-        self._ether.send(sent)
+        if sent.start >= self._kernel.now:  # else it has been sent while the link was at rest
+            self._ether.send(sent)
         if sender.queue and not empty and not end.arq.repeats and pdu.llid is Llid.START:
             self._note_begun(sender, len(end.arq.data))
         self._next = self._kernel.at(sent.end, self._ended)
