@@ -82,8 +82,9 @@ class BleChannel(Channel):
         self._record = Record(trace)
         self._hosts = Hosts(kernel, self.deliver, self.note_unsent, self.payloads, self.intervals)
         self.devices: list[Device] = []
+        self._sessions: list[Session] = []
         of_run = self._hosts, self._record, streams, self._may_rest, self._changed
-        site = Site(kernel, self._ether, settings, self.devices, *of_run)
+        site = Site(kernel, self._ether, settings, self.devices, self._sessions, *of_run)
         for address in range(size):
             self.devices.append(Device(site, address))
         self._ether.lazies += [device.beacon.packets for device in self.devices]
@@ -163,42 +164,35 @@ class BleChannel(Channel):
         self._ether.changed()
         self._changed()
 
-    def _sessions(self) -> list[Session]:
-        """Return the links of which an end is left."""
-        found = {id(session): session for device in self.devices for session in device.links.values()}
-        return list(found.values())
-
     def _changed(self) -> None:
         """Have scans and links take notice of who is in reach, or on the air, now."""
         for device in self.devices:
             if device.search is not None:
                 device.search.refresh()
-        for session in self._sessions():
+        for session in list(self._sessions):
             session.reconsider()
 
     def _may_rest(self, session: Session) -> bool:
         """Return whether no other link, and no table, keeps *session* from resting."""
         if self._record.wanted and self.settings.idle_frames:
             return False
-        central, peripheral = (self.devices[terminal.address] for terminal in session.terminals)
-        mine = all(other.central == session.central for other in central.links.values())
-        return mine and len(peripheral.links) == 1 and not self._others_noticed(session)
-
-    def _others_noticed(self, session: Session) -> bool:
-        """Return whether an end of *session* may notice a link of another central."""
-        if self.settings.interference == "none":
-            return False
-        ends = [terminal.address for terminal in session.terminals]
-        others = [other for other in self._sessions() if other.central != session.central]
-        return any(
-            self._ether.notices(terminal.address, end)
-            for other in others
-            for terminal in other.terminals
-            for end in ends
+        others = [other for other in self._sessions if other.central != session.central]
+        if not others:
+            return True
+        central, peripheral = (terminal.address for terminal in session.terminals)
+        meets = any(terminal.address in (central, peripheral) for other in others for terminal in other.terminals)
+        return not meets and (
+            self.settings.interference == "none"
+            or not any(
+                self._ether.notices(terminal.address, end)
+                for other in others
+                for terminal in other.terminals
+                for end in (central, peripheral)
+            )
         )
 
     def _resting(self, since: Time, until: Time) -> Iterator[Sent]:
-        for session in self._sessions():
+        for session in self._sessions:
             yield from session.packets(since, until)
 
     # ---------------------------------------------------------------- records

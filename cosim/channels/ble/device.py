@@ -67,6 +67,8 @@ class Site(NamedTuple):
     settings: BleSettings
     devices: "list[Device]"
     """All of them, by address."""
+    sessions: list[Session]
+    """All links that an end is left of."""
     hosts: Hosts
     record: Record
     streams: Streams
@@ -396,6 +398,8 @@ class Device:
 
     def _join(self, peer: Address, session: Session, role: Role, access_address: int) -> None:
         self.links[peer] = session
+        if role is Role.MASTER:
+            self._site.sessions.append(session)
         state = "central" if role is Role.MASTER else "peripheral"
         self._site.hosts.intervals.begin(self.address, state, self._site.kernel.now, f"peer={peer}")
         self._site.hosts.report(self.address, Connected(peer, role, access_address))
@@ -409,6 +413,8 @@ class Device:
         if session is not None:
             state = "central" if session.central == address else "peripheral"
             site.hosts.intervals.end(address, state, site.kernel.now, f"peer={peer}")
+            if all(terminal.gone for terminal in session.terminals):
+                site.sessions.remove(session)
 
     # ---------------------------------------------------------------- power
 

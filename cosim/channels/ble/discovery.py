@@ -44,16 +44,29 @@ class Search:
         self._began = kernel.now
         self._next: Handle | None = None
         self._since: dict[Address, Time] = {}  # from when on packets of a peer have not been looked at
+        self._candidates: dict[Address, tuple[Time, Address, Device, HeardPdu]] = {}
         self.refresh()
 
     def refresh(self) -> None:
         """Find the next advertisement anew: robots have moved, or begun or ceased to advertise."""
+        self._candidates = {}
+        for peer in self._peers:
+            self._consider(peer)
+        self._wait()
+
+    def _consider(self, peer: "Device") -> None:
+        """Find the next advertisement of *peer* that may be heard, if there will be any."""
+        self._candidates.pop(peer.address, None)
+        if (pdu := self._candidate(peer)) is not None:
+            self._candidates[peer.address] = pdu.end, peer.address, peer, pdu
+
+    def _wait(self) -> None:
+        """Wait for the first of the advertisements that may be heard."""
         if self._next is not None:
             self._next.cancel()
             self._next = None
-        found = [(pdu.end, peer.address, peer, pdu) for peer in self._peers if (pdu := self._candidate(peer))]
-        if found:
-            end, _, peer, pdu = min(found)
+        if self._candidates:
+            end, _, peer, pdu = min(self._candidates.values())
             self._next = self._kernel.at(end, lambda: self._look(peer, pdu))
 
     def _candidate(self, peer: "Device") -> HeardPdu | None:
@@ -75,14 +88,15 @@ class Search:
                 self._record.judged(packet, self._device.address, judgement)
             if judgement.reception is Reception.HEARD:
                 self._heard(peer, packet)
-        if self._next is not None:
-            self.refresh()
+        if self._next is not None:  # it has not been ended
+            self._consider(peer)
+            self._wait()
 
     def end(self) -> None:
         """End the search."""
         if self._next is not None:
             self._next.cancel()
-        self._next, self._peers = None, ()
+        self._next, self._peers, self._candidates = None, (), {}
 
 
 LATER: Time = 1 << 61

@@ -37,7 +37,8 @@ _PREAMBLES: Final[dict[str, Time]] = {
     CODED_S8.name: 80 * US,
 }
 _HEADER_BITS: Final = 32 + 8 * HEADER_OCTETS
-_CLEAR_G: Final = 2.0 * elementary.log(0.5 * 8 * 258 / NEGLIGIBLE)
+CLEAR_G: Final = 2.0 * elementary.log(0.5 * 8 * 258 / NEGLIGIBLE)
+"""Signal to noise ratio, as a factor, from which on even the longest packet is not broken."""
 
 
 def bit_error_rate(g: float) -> float:
@@ -58,9 +59,10 @@ def ratio(phy: Phy, power_mw: float, against_mw: float) -> float:
     return power_mw * CODING_GAIN.get(phy.name, 1.0) / against_mw if against_mw > 0.0 else float("inf")
 
 
-def is_clear(g: float) -> bool:
-    """Return whether even the longest packet is broken with negligible probability only."""
-    return g >= _CLEAR_G
+def least_dbm(phy: Phy, sensitivity_dbm: float, g: float) -> float:
+    """Return the power in dBm that is *g* times the noise of a receiver whose sensitivity on LE 1M is that."""
+    power: float = elementary.log10(g * noise_mw(phy, sensitivity_dbm) / CODING_GAIN.get(phy.name, 1.0))
+    return 10.0 * power
 
 
 def received(

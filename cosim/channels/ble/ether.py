@@ -22,9 +22,9 @@ from cosim.channels.air.spectra import LE_1M as KIND_1M
 from cosim.channels.air.spectra import LE_2M as KIND_2M
 from cosim.channels.base import Positions
 from cosim.channels.ble.channels import frequency_mhz, rf_channel
-from cosim.channels.ble.errors import UNNOTICED, is_clear, noise_mw, ratio, received
+from cosim.channels.ble.errors import CLEAR_G, UNNOTICED, least_dbm, noise_mw, ratio, received
 from cosim.channels.ble.exchange import Reception
-from cosim.channels.ble.phy import LE_1M, LE_2M, Phy
+from cosim.channels.ble.phy import LE_1M, LE_2M, PHYS, Phy
 from cosim.channels.ble.settings import BleSettings
 from cosim.channels.reach import Disc, Fading
 from cosim.kernel import Kernel
@@ -32,6 +32,8 @@ from cosim.machine import Address
 from cosim.randomness import Draws
 from cosim.units import MS, Time
 
+_ANY_DBM: Final = -1e300
+"""What everything that is received at all has more of."""
 LOOKBACK: Final[Time] = 40 * MS
 """Time before an instant in which what is on the air at that instant began, and what it met: two longest packets."""
 
@@ -101,7 +103,15 @@ class Ether:
         self._kernel = kernel
         self._reach = reach
         self._fading = isinstance(reach, Fading)
-        self._sensitivity_dbm = settings.sensitivity_dbm
+        self._sensitivity_dbm = settings.sensitivity_dbm if self._fading else _ANY_DBM
+        self._noises_mw = {phy.name: self._fading * noise_mw(phy, settings.sensitivity_dbm) for phy in PHYS.values()}
+        least = {
+            g: [least_dbm(phy, settings.sensitivity_dbm, g) for phy in PHYS.values()] for g in (UNNOTICED, CLEAR_G)
+        }
+        if not self._fading:
+            least = dict.fromkeys(least, [_ANY_DBM] * len(PHYS))
+        self._noticed_dbm = dict(zip(PHYS, least[UNNOTICED], strict=True))
+        self._clear_dbm = dict(zip(PHYS, least[CLEAR_G], strict=True))
         self._sent_dbm = np.array(sent_dbm, dtype=np.float64) if self._fading else np.zeros(size)
         self._sent_mw = elementary.exp10s(self._sent_dbm / 10.0).tolist()
         self._draws = draws
@@ -142,31 +152,22 @@ class Ether:
 
     def hears(self, sender: Address, receiver: Address) -> bool:
         """Return whether *receiver* receives *sender* with its sensitivity, or more, and both are on."""
-        if not (self.on[sender] and self.on[receiver]):
-            return False
-        power = float(self.powers_dbm[sender, receiver])
-        return power >= self._sensitivity_dbm if self._fading else power > -np.inf
+        return self._reaches(sender, receiver, self._sensitivity_dbm)
 
     def notices(self, sender: Address, receiver: Address) -> bool:
         """Return whether *receiver* may ever notice a packet of *sender* on LE 1M, and both are on."""
-        return self._g(sender, receiver, LE_1M) >= UNNOTICED
+        return self._reaches(sender, receiver, self._noticed_dbm[LE_1M.name])
 
     def clear(self, sender: Address, receiver: Address, phy: Phy) -> bool:
         """Return whether packets of *sender* on *phy* come to *receiver* without errors if nothing disturbs them."""
-        return is_clear(self._g(sender, receiver, phy))
+        return self._reaches(sender, receiver, self._clear_dbm[phy.name])
 
-    def _g(self, sender: Address, receiver: Address, phy: Phy) -> float:
-        if not (self.on[sender] and self.on[receiver]):
-            return 0.0
-        return self._ratio(phy, float(self.powers_dbm[sender, receiver]), 0.0)
+    def _reaches(self, sender: Address, receiver: Address, least_dbm: float) -> bool:
+        there = self.on[sender] and self.on[receiver]
+        return bool(there and self.powers_dbm[sender, receiver] >= least_dbm)
 
     def _ratio(self, phy: Phy, power_dbm: float, interference_mw: float) -> float:
-        if power_dbm == -np.inf:
-            return 0.0
-        return ratio(phy, elementary.exp10(power_dbm / 10.0), self._noise_mw(phy) + interference_mw)
-
-    def _noise_mw(self, phy: Phy) -> float:
-        return noise_mw(phy, self._sensitivity_dbm) if self._fading else 0.0
+        return ratio(phy, elementary.exp10(power_dbm / 10.0), self._noises_mw[phy.name] + interference_mw)
 
     # ---------------------------------------------------------------- packets
 
@@ -189,18 +190,18 @@ class Ether:
         if powers is None:  # it follows from arithmetic
             powers = (self.powers_dbm if packet.start >= self._moved_at else self._earlier_dbm)[packet.source]
         power_dbm = float(powers[receiver])
-        if not self.was_on(packet.source, packet.start) or self._ratio(packet.phy, power_dbm, 0.0) < UNNOTICED:
+        if not self.was_on(packet.source, packet.start) or power_dbm < self._noticed_dbm[packet.phy.name]:
             return Judgement(Reception.MISSED, "out_of_range")
         sections = self._interference(packet, receiver)
         worst = max(section.mw for section in sections)
         g = self._ratio(packet.phy, power_dbm, worst)
         shown = (power_dbm, _decibels(g)) if self._fading else (None, _decibels(g) if worst else None)
-        if is_clear(g):
+        if g >= CLEAR_G:
             return Judgement(Reception.HEARD, "received", "", *shown)
         return self._drawn(packet, receiver, power_dbm, sections)._replace(power_dbm=shown[0], sinr_db=shown[1])
 
     def _drawn(self, packet: Sent, receiver: Address, power_dbm: float, sections: Sequence[Section]) -> Judgement:
-        power_mw, noise = elementary.exp10(power_dbm / 10.0), self._noise_mw(packet.phy)
+        power_mw, noise = elementary.exp10(power_dbm / 10.0), self._noises_mw[packet.phy.name]
         header, payload = received(packet.phy, packet.octets, power_mw, noise, sections, packet.start)
         words = self._draws.words(packet.start, packet.source << 16 | receiver)
         broken = "collided" if any(section.mw for section in sections) else "bit_errors"

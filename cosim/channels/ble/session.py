@@ -77,6 +77,7 @@ class Session:
     ) -> None:
         """*may_rest* tells whether nothing but what is said on the link itself keeps it from resting."""
         self.terminals = terminals
+        self.central: Address = terminals[Side.CENTRAL].address
         self.link = link
         self.part = part
         """Which part of each interval of its central it has."""
@@ -95,11 +96,6 @@ class Session:
     def begin(self) -> None:
         """Begin with its events."""
         self._go_on()
-
-    @property
-    def central(self) -> Address:
-        """The central."""
-        return self.terminals[Side.CENTRAL].address
 
     def side(self, address: Address) -> Side:
         """Return which end *address* is."""
@@ -191,14 +187,17 @@ class Session:
 
     def reconsider(self) -> None:
         """Go on event by event if it must not rest any more."""
-        if self._resting and not self._may(self):
+        if self._resting and not self._may():
             with self._awake():
                 pass
 
-    def _may(self, session: "Session") -> bool:
-        phys, one, other = self.link.central.phys, *(terminal.address for terminal in self.terminals)
-        clear = self._ether.clear(one, other, phys[0]) and self._ether.clear(other, one, phys[1])
-        return clear and not any(terminal.gone for terminal in self.terminals) and self._may_rest(session)
+    def _may(self) -> bool:
+        one, other = self.terminals
+        down, up = self.link.central.phys
+        clear = self._ether.clear(one.address, other.address, down) and self._ether.clear(
+            other.address, one.address, up
+        )
+        return clear and not one.gone and not other.gone and self._may_rest(self)
 
     def taken_until(self, start: Time, end: Time) -> Time | None:
         """Return the end of the least exchange of its last event that has one in [start, end)."""
@@ -235,7 +234,7 @@ class Session:
         if self.terminals[Side.CENTRAL].gone:
             self._look_out()
             return
-        if self.link.may_rest and self._may(self):
+        if self.link.may_rest and self._may():
             self._resting = True
             if self._watch is not None:
                 self._watch.cancel()
