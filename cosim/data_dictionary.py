@@ -11,6 +11,7 @@ from typing import Final
 
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.base import Channel
+from cosim.channels.ble.channel import BleChannel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.ideal import IdealChannel
 from cosim.channels.vision import OpticalChannel
@@ -26,6 +27,7 @@ CHANNELS: Final[dict[str, type[Channel]]] = {
     "ideal": IdealChannel,
     "optical": OpticalChannel,
     "bluetooth": BluetoothChannel,
+    "ble": BleChannel,
     "adhoc": AdhocChannel,
 }
 INTRODUCTION: Final = """\

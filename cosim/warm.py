@@ -24,6 +24,7 @@ CHANNELS: Final[Mapping[str, Mapping[str, Any]]] = {
     "ideal": {"kind": "ideal"},
     "optical": {"kind": "optical"},
     "bluetooth": {"kind": "bluetooth"},
+    "ble with propagation": {"kind": "ble", "propagation": FADING},
     "adhoc": {"kind": "adhoc"},
 }
 """The channels of the short runs, by what they are called; first those that compile most."""

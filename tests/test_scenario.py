@@ -107,7 +107,7 @@ def test_the_digest_knows_defaults_but_not_the_order_of_keys(depot: Path):
         ("team: {starts: [[1, 2], [3]]}", "depot.yaml: team.starts[1][1]: is missing"),
         (
             "channel: {kind: smoke}",
-            "depot.yaml: channel.kind: 'smoke' is not a channel: expected one of adhoc, bluetooth, ",
+            "depot.yaml: channel.kind: 'smoke' is not a channel: expected one of adhoc, ble, bluetooth, ",
         ),
         ("channel: {delay_s: 1}", "depot.yaml: channel.kind: is missing, in {'delay_s': 1}"),
         ("channel: {kind: ideal, delay_s: 0}", "depot.yaml: channel.delay_s: 0 is not > 0"),

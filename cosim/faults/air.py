@@ -49,7 +49,7 @@ class AirFaults:
 
         def jam(part: Channel) -> None:
             if not hasattr(part, "jam"):
-                raise UserError("a jammer needs a channel that can be jammed, bluetooth or adhoc")
+                raise UserError("a jammer needs a channel that can be jammed: bluetooth, ble or adhoc")
             for jammer in jammers:
                 part.jam(jammer)
 
@@ -68,7 +68,7 @@ class AirFaults:
 
         def ask(part: Channel) -> None:
             if not hasattr(part, "obstruct"):
-                raise UserError("a wall needs a channel whose signals fade: bluetooth or adhoc, with propagation")
+                raise UserError("a wall needs a channel whose signals fade: bluetooth, ble or adhoc, with propagation")
             part.obstruct(())  # refuses if signals do not fade
 
         parts = self._willing(fault.radio, ask)

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.ble.settings import BleSettings
 from cosim.channels.bluetooth.powers import POWER_DBM, noise_dbm
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.kinds import ChannelSettings
@@ -53,6 +54,9 @@ def _radio(settings: ChannelSettings, team: TeamSettings) -> Plain:
         case AdhocSettings(propagation=PropagationSettings() as fading):
             powers = _own(team.powers_dbm, settings.power_dbm)
             return about | {"law": _law(fading)} | _faint(powers, settings.detection_dbm)
+        case BleSettings(propagation=PropagationSettings() as fading):
+            powers = _own(team.powers_dbm, settings.power_dbm)
+            return about | {"law": _law(fading)} | _faint(powers, settings.sensitivity_dbm)
         case BluetoothSettings(propagation=PropagationSettings() as fading):
             powers = [POWER_DBM[number] for number in _own(team.power_classes, settings.power_class)]
             faintest = settings.noise_dbm + settings.sensitivity_dbm - noise_dbm(settings.sensitivity_dbm)

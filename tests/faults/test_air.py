@@ -89,7 +89,7 @@ def test_a_barrier_takes_from_the_gains_what_a_wall_of_the_floor_takes():
     [
         (
             {"kind": "ideal"},
-            "faults[1]: a wall needs a channel whose signals fade: bluetooth or adhoc, with propagation",
+            "faults[1]: a wall needs a channel whose signals fade: bluetooth, ble or adhoc, with propagation",
         ),
         ({"kind": "bluetooth"}, "faults[1]: radios without propagation notice no walls"),
     ],

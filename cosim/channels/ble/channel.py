@@ -16,6 +16,7 @@ from cosim.channels.ble.ether import Ether, Sent
 from cosim.channels.ble.hosts import Hosts, Record
 from cosim.channels.ble.session import Session
 from cosim.channels.ble.settings import BleSettings
+from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.channels.reach import Disc, Fading
 from cosim.errors import UserError
@@ -164,6 +165,13 @@ class BleChannel(Channel):
         self._ether.changed()
         self._changed()
 
+    def jam(self, jammer: Jammer) -> None:
+        """Put *jammer* on the air as well, at its times; raise UserError if nothing disturbs these radios."""
+        if self.settings.interference == "none":
+            raise UserError("a jammer disturbs nothing where channel.interference is none")
+        self._ether.jam(jammer)
+        self._changed()
+
     def _changed(self) -> None:
         """Have scans and links take notice of who is in reach, or on the air, now."""
         for device in self.devices:
@@ -174,7 +182,7 @@ class BleChannel(Channel):
 
     def _may_rest(self, session: Session) -> bool:
         """Return whether no other link, and no table, keeps *session* from resting."""
-        if self._record.wanted and self.settings.idle_frames:
+        if self._ether.jammed or (self._record.wanted and self.settings.idle_frames):
             return False
         others = [other for other in self._sessions if other.central != session.central]
         if not others:

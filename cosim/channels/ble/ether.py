@@ -18,6 +18,7 @@ import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats
 from cosim.channels.air.band import Band, Emission, Section
 from cosim.channels.air.emissions import Tuning, Wanted
+from cosim.channels.air.jammers import emissions
 from cosim.channels.air.spectra import LE_1M as KIND_1M
 from cosim.channels.air.spectra import LE_2M as KIND_2M
 from cosim.channels.base import Positions
@@ -26,6 +27,7 @@ from cosim.channels.ble.errors import CLEAR_G, UNNOTICED, least_dbm, noise_mw, r
 from cosim.channels.ble.exchange import Reception
 from cosim.channels.ble.phy import LE_1M, LE_2M, PHYS, Phy
 from cosim.channels.ble.settings import BleSettings
+from cosim.channels.jamming import Jammer
 from cosim.channels.reach import Disc, Fading
 from cosim.kernel import Kernel
 from cosim.machine import Address
@@ -122,7 +124,20 @@ class Ether:
         self._stale = False
         self._asks = settings.interference == "band"
         self._told: Time = 0
+        self._jammers: list[Jammer] = []
         self._band = Band(size, 0.0)
+        self._tenant = self._band.join(self)
+        self._gains_known = False
+
+    @property
+    def jammed(self) -> bool:
+        """True if jammers may disturb what is sent."""
+        return bool(self._jammers)
+
+    def jam(self, jammer: Jammer) -> None:
+        """Put *jammer* on the air as well, at its times, which are to come."""
+        self._jammers.append(jammer)
+        self._band = Band(len(self.on) + len(self._jammers), 0.0)
         self._tenant = self._band.join(self)
         self._gains_known = False
 
@@ -236,7 +251,16 @@ class Ether:
         """Have the band know the powers of now, from the instant of their change on."""
         if not self._gains_known:
             self._gains_known = True
-            self._band.moved(self.powers_dbm - self._sent_dbm[:, None], max(self._moved_at, self._told))
+            size = len(self.on)
+            gains_db = np.full((size + len(self._jammers), size + len(self._jammers)), -np.inf)
+            gains_db[:size, :size] = self.powers_dbm - self._sent_dbm[:, None]
+            if self._jammers:
+                gains_db[size:, :size] = self._reach.jam_dbm(self._jammers) - self._jam_dbm()[:, None]
+            self._band.moved(gains_db, max(self._moved_at, self._told))
+
+    def _jam_dbm(self) -> Floats:
+        """Return the powers of the jammers; where signals do not fade they are received as devices are."""
+        return np.array([jammer.power_dbm if self._fading else 0.0 for jammer in self._jammers])
 
     def _tell(self, packet: Sent) -> None:
         mw = self._sent_mw[packet.source]
@@ -256,6 +280,12 @@ class Ether:
             for lazy in self.lazies:
                 for packet in lazy(since, until):
                     self._tell(packet)
+            for number, (jammer, mw) in enumerate(zip(self._jammers, self._jam_mw(), strict=True), len(self.on)):
+                for emission in emissions(jammer, number, self._tenant, mw, since, until):
+                    self._band.tell(emission)
+
+    def _jam_mw(self) -> list[float]:
+        return elementary.exp10s(self._jam_dbm() / 10.0).tolist() if self._jammers else []
 
 
 def _kind(phy: Phy) -> int:
