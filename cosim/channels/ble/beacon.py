@@ -6,12 +6,12 @@ An event is not sent if anything else takes the antenna during it.
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from cosim.channels.ble.access import ADVERTISING_ADDRESS
 from cosim.channels.ble.advertising import Advertiser, Event
 from cosim.channels.ble.antenna import Antenna
-from cosim.channels.ble.crc import ADVERTISING_INIT
+from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
+from cosim.channels.ble.bits.crc import ADVERTISING_INIT
+from cosim.channels.ble.bits.pdu import AdvertisingType, DeviceAddress, Undirected, encode_advertising
 from cosim.channels.ble.ether import LOOKBACK, Sent
-from cosim.channels.ble.pdu import AdvertisingType, DeviceAddress, Undirected, encode_advertising
 from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M
 from cosim.channels.clock import NativeClock
 from cosim.machine import BROADCAST, Address

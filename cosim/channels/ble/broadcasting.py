@@ -10,27 +10,25 @@ instant; 10 ms at most for events of links that are still to come: then it goes 
 """
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from cosim.channels.ble.access import ADVERTISING_ADDRESS
 from cosim.channels.ble.advertising import LONGEST_DELAY
 from cosim.channels.ble.beacon import device_address
+from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
+from cosim.channels.ble.bits.crc import ADVERTISING_INIT
+from cosim.channels.ble.bits.pdu import OFFSET_UNITS, AuxiliaryPhy, AuxPtr, DataInfo, Extended, encode_advertising
 from cosim.channels.ble.channels import ADVERTISING, DATA_CHANNELS
-from cosim.channels.ble.crc import ADVERTISING_INIT
-from cosim.channels.ble.ether import Ether, Sent
-from cosim.channels.ble.exchange import Reception
-from cosim.channels.ble.hosts import Hosts, Record
-from cosim.channels.ble.pdu import OFFSET_UNITS, AuxiliaryPhy, AuxPtr, DataInfo, Extended, encode_advertising
+from cosim.channels.ble.connections.exchange import Reception
+from cosim.channels.ble.environment import Environment
+from cosim.channels.ble.ether import Sent
 from cosim.channels.ble.phy import CODED_S8, HEADER_OCTETS, LE_1M, LE_2M, T_IFS, T_MAFS, Phy
 from cosim.channels.ble.settings import BroadcastSettings
-from cosim.kernel import Handle, Kernel
+from cosim.channels.ble.station import Station
+from cosim.kernel import Handle
 from cosim.machine import BROADCAST, Address, Outcome, Outgoing
 from cosim.machine import Reception as Arrived
 from cosim.randomness import Draws
 from cosim.units import Time
-
-if TYPE_CHECKING:
-    from cosim.channels.ble.device import Device
 
 MOST_DATA: Final = 1650
 """Octets of the longest advertising data."""
@@ -74,31 +72,27 @@ class _Step(NamedTuple):
 
 
 class AdvertisingSet:
-    """A payload that *device* sends to all who hear it, in some events; *over* is called when they are over."""
+    """A payload that *station* sends to those of *stations* that hear it; *over* is called when all events are over."""
 
     def __init__(
         self,
-        kernel: Kernel,
-        ether: Ether,
-        device: "Device",
-        devices: "Sequence[Device]",
+        environment: Environment,
+        station: Station,
+        stations: Sequence[Station],
         outgoing: Outgoing,
         number: int,
         settings: BroadcastSettings,
         draws: Draws,
-        hosts: Hosts,
-        record: Record,
-        over: Callable[["AdvertisingSet"], None],
+        over: "Callable[[AdvertisingSet], None]",
     ) -> None:
-        """*number* counts the device's sets."""
+        """*number* counts the station's sets."""
         self.outgoing = outgoing
-        self._kernel, self._ether = kernel, ether
-        self._device, self._devices = device, devices
+        self._kernel, self._ether, self._hosts, self._record = environment
+        self._station, self._stations = station, stations
         self._info = DataInfo(number // 16 % 4096, number % 16)
         self._number = number
         self._settings = settings
         self._draws = draws
-        self._hosts, self._record = hosts, record
         self._over = over
         self._left = settings.events
         self._event = 0
@@ -109,7 +103,7 @@ class AdvertisingSet:
         self._next: Handle | None = None
         self._due: Time = 0
         self._tries = 0
-        self._next = kernel.after(self._delay(), self._begin)
+        self._next = self._kernel.after(self._delay(), self._begin)
 
     def cancel(self) -> None:
         """Send nothing more: the device is off."""
@@ -129,9 +123,9 @@ class AdvertisingSet:
         return self._draws.below(LONGEST_DELAY + 1, self._number << 8 | self._event)
 
     def _try(self) -> None:
-        now, antenna = self._kernel.now, self._device.antenna
+        now, antenna = self._kernel.now, self._station.antenna
         end = now + self._duration
-        again = [antenna.booked_until(now, end), self._device.beacon.taken_until(now, now + 1)]
+        again = [antenna.booked_until(now, end), self._station.beacon.taken_until(now, now + 1)]
         if now < self._due and (taken := antenna.taken_until(now, end)) is not None:
             again.append(min(taken, self._due))
         waits = [each for each in again if each is not None]
@@ -150,7 +144,7 @@ class AdvertisingSet:
         step = self._steps[turn]
         packet = Sent(
             self._start + step.after,
-            self._device.address,
+            self._station.address,
             BROADCAST,
             step.kind,
             step.channel,
@@ -180,14 +174,14 @@ class AdvertisingSet:
             self._next = self._kernel.after(self._settings.interval - self._duration + self._delay(), self._begin)
         else:
             self._next = None
-            self._hosts.over(self._device.address, self.outgoing, Outcome.SENT)
+            self._hosts.over(self._station.address, self.outgoing, Outcome.SENT)
             self._over(self)
 
     def _point(self, packet: Sent) -> None:
         """Have those who hear an ADV_EXT_IND follow."""
         begin, end = self._start + self._steps[len(ADVERTISING)].after, self._start + self._duration
-        for listener in self._devices:
-            if listener is self._device or listener.address in self._got | self._follow:
+        for listener in self._stations:
+            if listener is self._station or listener.address in self._got | self._follow:
                 continue
             if not listener.listens(packet.channel, packet.start, packet.end):
                 continue
@@ -201,7 +195,7 @@ class AdvertisingSet:
     def _carry(self, packet: Sent, last: bool) -> None:
         """Have those who follow take a part of the payload, and at *last* all of it."""
         for address in sorted(self._follow):
-            listener = self._devices[address]
+            listener = self._stations[address]
             here = self._ether.was_on(address, packet.start)
             here = here and listener.antenna.booked_until(packet.start, packet.end, self) is None
             judgement = self._ether.judge(packet, address) if here else None
@@ -211,7 +205,7 @@ class AdvertisingSet:
                 self._follow.remove(address)
             elif last:
                 self._got.add(address)
-                arrived = Arrived(self._device.address, True, judgement.power_dbm)
+                arrived = Arrived(self._station.address, True, judgement.power_dbm)
                 self._hosts.arrive((address, self.outgoing.payload, arrived))
 
     # ---------------------------------------------------------------- what is sent
@@ -245,7 +239,7 @@ class AdvertisingSet:
 
     def _carrier(self, at: Time, turn: int, part: bytes, channels: list[int]) -> _Step:
         """Return the packet that carries a *part* of the payload, *at* that time of the event."""
-        address = device_address(self._device.address) if turn == 0 else None
+        address = device_address(self._station.address) if turn == 0 else None
         pdu = Extended(advertiser=address, data_info=self._info, data=part)
         if turn + 1 < len(channels):
             aux = self._aux(channels[turn + 1], T_MAFS, OFFSET_UNITS[1])

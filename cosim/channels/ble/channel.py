@@ -12,6 +12,7 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.channels.base import Channel, Flying, Positions
 from cosim.channels.ble.device import Device, Site
+from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Ether, Sent
 from cosim.channels.ble.hosts import Hosts, Record
 from cosim.channels.ble.session import Session
@@ -84,11 +85,11 @@ class BleChannel(Channel):
         self._hosts = Hosts(kernel, self.deliver, self.note_unsent, self.payloads, self.intervals)
         self.devices: list[Device] = []
         self._sessions: list[Session] = []
-        of_run = self._hosts, self._record, streams, self._may_rest, self._changed
-        site = Site(kernel, self._ether, settings, self.devices, self._sessions, *of_run)
+        environment = Environment(kernel, self._ether, self._hosts, self._record)
+        site = Site(environment, settings, self.devices, self._sessions, streams, self._may_rest, self._changed)
         for address in range(size):
             self.devices.append(Device(site, address))
-        self._ether.lazies += [device.beacon.packets for device in self.devices]
+        self._ether.lazies += [device.station.beacon.packets for device in self.devices]
         self._ether.lazies.append(self._resting)
         for device in self.devices:
             device.start(first=True)

@@ -7,33 +7,35 @@ payloads for everyone. All of this is done by one antenna.
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.channels.ble.access import draw
-from cosim.channels.ble.anchors import WINDOW_DELAYS
 from cosim.channels.ble.antenna import Antenna
 from cosim.channels.ble.beacon import Beacon, device_address
+from cosim.channels.ble.bits.access import draw
+from cosim.channels.ble.bits.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
+from cosim.channels.ble.bits.l2cap import MOST_TIME, MOST_TIME_CODED
+from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, ConnectInd, LLData, encode_advertising
 from cosim.channels.ble.broadcasting import LONGEST_BROADCAST, AdvertisingSet
 from cosim.channels.ble.channel_map import ALL_CHANNELS
 from cosim.channels.ble.channels import ADVERTISING
-from cosim.channels.ble.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
+from cosim.channels.ble.connections.anchors import WINDOW_DELAYS
+from cosim.channels.ble.connections.exchange import Reception, Side
+from cosim.channels.ble.connections.link import Link
+from cosim.channels.ble.connections.parameters import INTERVAL_UNIT
 from cosim.channels.ble.discovery import Search
-from cosim.channels.ble.ether import Ether, Sent
-from cosim.channels.ble.exchange import Reception, Side
-from cosim.channels.ble.hosts import Hosts, Record
-from cosim.channels.ble.l2cap import MOST_TIME, MOST_TIME_CODED
-from cosim.channels.ble.link import Link
-from cosim.channels.ble.parameters import INTERVAL_UNIT
-from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, ConnectInd, LLData, encode_advertising
+from cosim.channels.ble.environment import Environment
+from cosim.channels.ble.ether import Sent
 from cosim.channels.ble.phy import CODED_S8, HEADER_OCTETS, LE_1M, LE_2M, T_IFS, Phy
 from cosim.channels.ble.scanning import ScanWindows
 from cosim.channels.ble.selection import HOP_INCREMENTS
 from cosim.channels.ble.session import Limits, Session, Terminal
 from cosim.channels.ble.settings import BleSettings, ScanSettings
+from cosim.channels.ble.station import Station
 from cosim.channels.clock import NativeClock
-from cosim.kernel import Handle, Kernel
+from cosim.kernel import Handle
 from cosim.machine import (
     Address,
     Connected,
@@ -62,15 +64,12 @@ _DELAY: Final = WINDOW_DELAYS["legacy"]
 class Site(NamedTuple):
     """What all devices of a run share."""
 
-    kernel: Kernel
-    ether: Ether
+    environment: Environment
     settings: BleSettings
     devices: "list[Device]"
     """All of them, by address."""
     sessions: list[Session]
     """All links that an end is left of."""
-    hosts: Hosts
-    record: Record
     streams: Streams
     may_rest: Callable[[Session], bool]
     """Whether no other link keeps one from resting."""
@@ -83,27 +82,24 @@ class Device:
 
     def __init__(self, site: Site, address: Address) -> None:
         self.address = address
-        self.antenna = Antenna()
         self.links: dict[Address, Session] = {}
         """Its links, by the device at the other end."""
         self.search: Search | None = None
         """The scan of the procedure under way."""
         self._site = site
+        self._kernel, self._ether, self._hosts, self._record = site.environment
         stream = site.streams("ble", "device", address)
         settings = site.settings
         phase = int(stream.integers(settings.advertise.interval + settings.scan.interval + settings.listen.interval))
         spread = settings.clock_ppm
         self.clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
         self._stream = stream
-        self.beacon = Beacon(
-            address,
-            self.clock,
-            settings.advertise.interval,
-            self.antenna,
-            lambda number: site.streams.draws("ble", "delay", address, number),
-        )
+        antenna = Antenna()
+        delays = partial(site.streams.draws, "ble", "delay", address)
+        beacon = Beacon(address, self.clock, settings.advertise.interval, antenna, delays)
         self._scan = _windows(self.clock, settings.scan, stream)
         self._listen = _windows(self.clock, settings.listen, stream)
+        self.station = Station(address, self._ether, antenna, beacon, self._listen)
         self._set_draws: Draws = site.streams.draws("ble", "sets", address)
         self._findable = True
         self._procedures: deque[Inquire | Page] = deque()
@@ -122,25 +118,13 @@ class Device:
         else:
             self._advertise()
 
-    # ---------------------------------------------------------------- what it hears
-
-    def is_free(self, start: Time, end: Time) -> bool:
-        """Return whether it was on, and its antenna was free to listen, in [start, end)."""
-        free = self.antenna.taken_until(start, end) is None and self.beacon.taken_until(start, end) is None
-        return free and self._site.ether.was_on(self.address, start)
-
-    def listens(self, channel: int, start: Time, end: Time) -> bool:
-        """Return whether it listened on *channel* all of [start, end)."""
-        windows = self._listen if self.search is None else self._scan
-        return windows.channel(start) == channel == windows.channel(end - 1) and self.is_free(start, end)
-
     # ---------------------------------------------------------------- payloads
 
     def send(self, outgoing: Outgoing) -> None:
         """Send a payload over a link."""
         session = self.links.get(outgoing.destination)
         if session is None:
-            self._site.hosts.over(self.address, outgoing, Outcome.NO_LINK)
+            self._hosts.over(self.address, outgoing, Outcome.NO_LINK)
         else:
             session.send(self.address, outgoing)
 
@@ -148,11 +132,11 @@ class Device:
         """Send a payload to everyone who listens."""
         limit = self._site.settings.queue_payloads
         if len(outgoing.payload) > LONGEST_BROADCAST:
-            self._site.hosts.over(self.address, outgoing, Outcome.TOO_LONG)
+            self._hosts.over(self.address, outgoing, Outcome.TOO_LONG)
         elif limit is not None and len(self._sets) + len(self._waiting) >= limit:
-            self._site.hosts.over(self.address, outgoing, Outcome.QUEUE_FULL)
+            self._hosts.over(self.address, outgoing, Outcome.QUEUE_FULL)
         else:
-            now, payloads = self._site.kernel.now, self._site.hosts.payloads
+            now, payloads = self._kernel.now, self._hosts.payloads
             payloads.accept(outgoing, self.address, outgoing.destination, len(outgoing.payload), now)
             self._waiting.append(outgoing)
             self._next_sets()
@@ -162,20 +146,20 @@ class Device:
         while self._waiting and len(self._sets) < MOST_SETS:
             self._sets.append(
                 AdvertisingSet(
-                    site.kernel,
-                    site.ether,
-                    self,
-                    site.devices,
+                    site.environment,
+                    self.station,
+                    self._stations(),
                     self._waiting.popleft(),
                     self._sent_sets,
                     site.settings.broadcast,
                     self._set_draws,
-                    site.hosts,
-                    site.record,
                     self._set_over,
                 )
             )
             self._sent_sets += 1
+
+    def _stations(self) -> list[Station]:
+        return [device.station for device in self._site.devices]
 
     def _set_over(self, advertising: AdvertisingSet) -> None:
         self._sets.remove(advertising)
@@ -184,7 +168,7 @@ class Device:
     def flush_broadcasts(self) -> None:
         """Take out of the queue the payloads for everyone that have not been on the air."""
         while self._waiting:
-            self._site.hosts.over(self.address, self._waiting.popleft(), Outcome.FLUSHED)
+            self._hosts.over(self.address, self._waiting.popleft(), Outcome.FLUSHED)
 
     # ---------------------------------------------------------------- advertising
 
@@ -197,12 +181,12 @@ class Device:
             self._conceal()
 
     def _advertise(self, after: Time = 0) -> None:
-        if self._findable and self._site.ether.on[self.address] and self.beacon.advertiser is None:
-            self.beacon.begin(self._site.kernel.now, after)
+        if self._findable and self._ether.on[self.address] and self.station.beacon.advertiser is None:
+            self.station.beacon.begin(self._kernel.now, after)
             self._site.changed()
 
     def _conceal(self) -> None:
-        self.beacon.end(self._site.kernel.now)
+        self.station.beacon.end(self._kernel.now)
         self._site.changed()
 
     # ---------------------------------------------------------------- procedures
@@ -222,7 +206,7 @@ class Device:
 
     def _inquire(self, command: Inquire) -> None:
         if command.enough < 1 or command.duration < 1:
-            self._site.hosts.report(self.address, InquiryComplete(()))
+            self._hosts.report(self.address, InquiryComplete(()))
             return
         self._found = []
         self._begin(command, command.duration, lambda peer: peer not in self._found, self._discovered)
@@ -231,7 +215,7 @@ class Device:
         peer = command.peer
         strange = peer == self.address or not 0 <= peer < len(self._site.devices)
         if strange or peer in self.links or self._part() is None:
-            self._site.hosts.report(self.address, PageFailed(peer))
+            self._hosts.report(self.address, PageFailed(peer))
             return
         duration = from_seconds(self._site.settings.page_s)
         self._begin(command, duration, lambda other: other == peer, self._connect)
@@ -241,14 +225,15 @@ class Device:
         command: Inquire | Page,
         duration: Time,
         wanted: Callable[[Address], bool],
-        heard: "Callable[[Device, Sent], None]",
+        heard: Callable[[Station, Sent], None],
     ) -> None:
         site = self._site
         self._procedure = command
-        self._end = site.kernel.after(duration, self._time_out)
-        site.hosts.intervals.begin(self.address, self._state, site.kernel.now, self._detail)
-        peers = [device for device in site.devices if device is not self]
-        self.search = Search(site.kernel, site.ether, self, peers, self._scan, wanted, heard, site.record)
+        self._end = self._kernel.after(duration, self._time_out)
+        self._hosts.intervals.begin(self.address, self._state, self._kernel.now, self._detail)
+        self.station.windows = self._scan
+        peers = [station for station in self._stations() if station is not self.station]
+        self.search = Search(site.environment, self.station, peers, wanted, heard)
 
     @property
     def _state(self) -> str:
@@ -260,29 +245,29 @@ class Device:
 
     def _over(self) -> None:
         """End the procedure under way."""
-        site = self._site
         if self.search is not None:
             self.search.end()
         if self._end is not None:
             self._end.cancel()
         if self._procedure is not None:
-            site.hosts.intervals.end(self.address, self._state, site.kernel.now, self._detail)
+            self._hosts.intervals.end(self.address, self._state, self._kernel.now, self._detail)
         self.search = self._end = self._procedure = None
+        self.station.windows = self._listen
 
     def _time_out(self) -> None:
         command = self._procedure
         self._over()
         if isinstance(command, Page):
-            self._site.hosts.report(self.address, PageFailed(command.peer))
+            self._hosts.report(self.address, PageFailed(command.peer))
         else:
-            self._site.hosts.report(self.address, InquiryComplete(tuple(self._found)))
+            self._hosts.report(self.address, InquiryComplete(tuple(self._found)))
         self._begin_next()
 
-    def _discovered(self, peer: "Device", packet: Sent) -> None:
+    def _discovered(self, peer: Station, packet: Sent) -> None:
         command = self._procedure
         assert isinstance(command, Inquire)
         self._found.append(peer.address)
-        self._site.hosts.report(self.address, Discovered(peer.address))
+        self._hosts.report(self.address, Discovered(peer.address))
         if len(self._found) >= command.enough:
             self._time_out()
 
@@ -294,7 +279,7 @@ class Device:
         taken = {session.part for session in self.links.values() if session.central == self.address}
         return next((part for part in range(connection.links) if part not in taken), None)
 
-    def _connect(self, peer: "Device", packet: Sent) -> None:
+    def _connect(self, peer: Station, packet: Sent) -> None:
         """Send a CONNECT_IND to *peer*, whose advertisement has just been heard, if the antenna is free for it."""
         part, start = self._part(), packet.end + T_IFS
         assert part is not None  # it was free as the procedure began, and only that makes links as central
@@ -305,12 +290,12 @@ class Device:
         request = Sent(
             start, self.address, peer.address, "CONNECT_IND", packet.channel, LE_1M, octets, 0, *of_link_layer
         )
-        if self.antenna.taken_until(start, request.end) is not None:
+        if self.station.antenna.taken_until(start, request.end) is not None:
             return
-        self.antenna.book(start, request.end, self)
-        self._site.ether.send(request)
+        self.station.antenna.book(start, request.end, self)
+        self._ether.send(request)
         self._procedure_stops()
-        self._site.kernel.at(request.end, lambda: self._requested(peer, request, ll_data, first, part))
+        self._kernel.at(request.end, lambda: self._requested(peer, request, ll_data, first, part))
 
     def _procedure_stops(self) -> None:
         """Look for nothing more: the request is on its way, and that makes the link."""
@@ -343,36 +328,36 @@ class Device:
         )
         return ll_data, wait - offset
 
-    def _requested(self, peer: "Device", request: Sent, ll_data: LLData, first: Time, part: int) -> None:
+    def _requested(self, peer: Station, request: Sent, ll_data: LLData, first: Time, part: int) -> None:
         """Have a link as central, and *peer* one as peripheral if it has heard the *request*."""
         site = self._site
-        if not site.ether.was_on(self.address, request.start):
+        if not self._ether.was_on(self.address, request.start):
             return
-        here = site.ether.was_on(peer.address, request.start) and peer.beacon.advertiser is not None
+        here = self._ether.was_on(peer.address, request.start) and peer.beacon.advertiser is not None
         here = here and peer.antenna.booked_until(request.start, request.end) is None
-        judgement = site.ether.judge(request, peer.address)
-        if site.record.wanted:
-            site.record.sent(request, True)
-            site.record.judged(request, peer.address, judgement)
-        heard = here and judgement.reception is Reception.HEARD and self.address not in peer.links
+        judgement = self._ether.judge(request, peer.address)
+        if self._record.wanted:
+            self._record.sent(request, True)
+            self._record.judged(request, peer.address, judgement)
+        heard = here and judgement.reception is Reception.HEARD and self.address not in site.devices[peer.address].links
         self._over()
         session = self._session(peer, ll_data, first, part, heard)
         self._join(peer.address, session, Role.MASTER, ll_data.access_address)
         if heard:
-            peer.join_as_peripheral(self.address, session, ll_data.access_address)
+            site.devices[peer.address].join_as_peripheral(self.address, session, ll_data.access_address)
         session.begin()
         self._begin_next()
 
-    def _session(self, peer: "Device", ll_data: LLData, first: Time, part: int, heard: bool) -> Session:
+    def _session(self, peer: Station, ll_data: LLData, first: Time, part: int, heard: bool) -> Session:
         site, connection = self._site, self._site.settings.connection
         ppm = CLOCK_ACCURACIES_PPM[site.settings.sca]
-        clocks = self.clock, peer.clock
-        link = Link(ll_data, site.kernel.now, clocks, ppm, start=first)
+        clocks = self.clock, site.devices[peer.address].clock
+        link = Link(ll_data, self._kernel.now, clocks, ppm, start=first)
         phy, bits = _PHYS[connection.phy]
         limits = Limits(
             connection.mtu_octets, site.settings.queue_payloads, connection.interval // connection.links, phy
         )
-        terminals = Terminal(self.address, self.antenna), Terminal(peer.address, peer.antenna, gone=not heard)
+        terminals = Terminal(self.address, self.station.antenna), Terminal(peer.address, peer.antenna, gone=not heard)
         for end in link.ends:
             end.likes = bits
         if connection.octets > 27:
@@ -382,15 +367,13 @@ class Device:
             link.request_lengths(Side.CENTRAL, lengths)
         if bits != PHY_1M:
             link.request_phys(Side.CENTRAL, bits)
-        return Session(
-            site.kernel, site.ether, link, part, terminals, limits, site.hosts, site.record, self._left, site.may_rest
-        )
+        return Session(site.environment, link, part, terminals, limits, self._left, site.may_rest)
 
     def join_as_peripheral(self, central: Address, session: Session, access_address: int) -> None:
         """Have a link in which this device is the peripheral; its advertising begins anew."""
         if isinstance(self._procedure, Page) and self._procedure.peer == central:
             self._over()
-            self._site.hosts.report(self.address, PageFailed(central))
+            self._hosts.report(self.address, PageFailed(central))
         self._conceal()
         self._join(central, session, Role.SLAVE, access_address)
         self._advertise()
@@ -401,8 +384,8 @@ class Device:
         if role is Role.MASTER:
             self._site.sessions.append(session)
         state = "central" if role is Role.MASTER else "peripheral"
-        self._site.hosts.intervals.begin(self.address, state, self._site.kernel.now, f"peer={peer}")
-        self._site.hosts.report(self.address, Connected(peer, role, access_address))
+        self._hosts.intervals.begin(self.address, state, self._kernel.now, f"peer={peer}")
+        self._hosts.report(self.address, Connected(peer, role, access_address))
         self._site.changed()
 
     def _left(self, address: Address, peer: Address) -> None:
@@ -412,7 +395,7 @@ class Device:
         session = device.links.pop(peer, None)
         if session is not None:
             state = "central" if session.central == address else "peripheral"
-            site.hosts.intervals.end(address, state, site.kernel.now, f"peer={peer}")
+            self._hosts.intervals.end(address, state, self._kernel.now, f"peer={peer}")
             if all(terminal.gone for terminal in session.terminals):
                 site.sessions.remove(session)
 
@@ -429,7 +412,7 @@ class Device:
         self._waiting.clear()
         for session in list(self.links.values()):
             session.drop(self.address)
-        self._site.hosts.payloads.lose(self.address, self._site.kernel.now)
+        self._hosts.payloads.lose(self.address, self._kernel.now)
 
 
 def _windows(clock: NativeClock, settings: ScanSettings, stream: np.random.Generator) -> ScanWindows:

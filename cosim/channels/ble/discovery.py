@@ -5,46 +5,38 @@ nothing at all once all devices in reach are known.
 """
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
-from cosim.channels.ble.ether import Ether, Sent
-from cosim.channels.ble.exchange import Reception
-from cosim.channels.ble.hosts import Record
-from cosim.channels.ble.scanning import HeardPdu, ScanWindows, next_heard
-from cosim.kernel import Handle, Kernel
+from cosim.channels.ble.connections.exchange import Reception
+from cosim.channels.ble.environment import Environment
+from cosim.channels.ble.ether import Sent
+from cosim.channels.ble.scanning import HeardPdu, next_heard
+from cosim.channels.ble.station import Station
+from cosim.kernel import Handle
 from cosim.machine import Address
 from cosim.units import Time
 
-if TYPE_CHECKING:
-    from cosim.channels.ble.device import Device
-
 
 class Search:
-    """The search of *device* for those of *peers* that are *wanted*, in *windows*, until it is ended.
+    """The search of *station* for those of *peers* that are *wanted*, in its windows, until it is ended.
 
-    *heard* is called with (device, packet) at the end of an advertisement that was heard.
+    *heard* is called with (station, packet) at the end of an advertisement that was heard.
     """
 
     def __init__(
         self,
-        kernel: Kernel,
-        ether: Ether,
-        device: "Device",
-        peers: "Sequence[Device]",
-        windows: ScanWindows,
+        environment: Environment,
+        station: Station,
+        peers: Sequence[Station],
         wanted: Callable[[Address], bool],
-        heard: Callable[["Device", Sent], None],
-        record: Record,
+        heard: Callable[[Station, Sent], None],
     ) -> None:
-        self._kernel, self._ether = kernel, ether
-        self._device, self._peers = device, peers
-        self._windows = windows
+        self._kernel, self._ether, _, self._record = environment
+        self._station, self._peers = station, peers
         self._wanted, self._heard = wanted, heard
-        self._record = record
-        self._began = kernel.now
+        self._began = self._kernel.now
         self._next: Handle | None = None
         self._since: dict[Address, Time] = {}  # from when on packets of a peer have not been looked at
-        self._candidates: dict[Address, tuple[Time, Address, Device, HeardPdu]] = {}
+        self._candidates: dict[Address, tuple[Time, Address, Station, HeardPdu]] = {}
         self.refresh()
 
     def refresh(self) -> None:
@@ -54,7 +46,7 @@ class Search:
             self._consider(peer)
         self._wait()
 
-    def _consider(self, peer: "Device") -> None:
+    def _consider(self, peer: Station) -> None:
         """Find the next advertisement of *peer* that may be heard, if there will be any."""
         self._candidates.pop(peer.address, None)
         if (pdu := self._candidate(peer)) is not None:
@@ -69,23 +61,23 @@ class Search:
             end, _, peer, pdu = min(self._candidates.values())
             self._next = self._kernel.at(end, lambda: self._look(peer, pdu))
 
-    def _candidate(self, peer: "Device") -> HeardPdu | None:
-        advertiser, me = peer.beacon.advertiser, self._device.address
+    def _candidate(self, peer: Station) -> HeardPdu | None:
+        advertiser, me = peer.beacon.advertiser, self._station.address
         if advertiser is None or not self._wanted(peer.address) or not self._ether.notices(peer.address, me):
             return None
         under_way = self._kernel.now - advertiser.air_time + 1  # it has begun and is not over
         since = max(self._since.get(peer.address, 0), peer.beacon.since, self._began, under_way)
-        return next_heard(advertiser, self._windows, since, LATER)
+        return next_heard(advertiser, self._station.windows, since, LATER)
 
-    def _look(self, peer: "Device", pdu: HeardPdu) -> None:
+    def _look(self, peer: Station, pdu: HeardPdu) -> None:
         self._since[peer.address] = pdu.start + 1
         packet = peer.beacon.packet(pdu.channel, pdu.start)
         sent = peer.beacon.taken_until(pdu.start, pdu.end) is not None
-        if sent and self._device.is_free(pdu.start, pdu.end):
-            judgement = self._ether.judge(packet, self._device.address)
+        if sent and self._station.is_free(pdu.start, pdu.end):
+            judgement = self._ether.judge(packet, self._station.address)
             if self._record.wanted:
                 self._record.sent(packet, True)
-                self._record.judged(packet, self._device.address, judgement)
+                self._record.judged(packet, self._station.address, judgement)
             if judgement.reception is Reception.HEARD:
                 self._heard(peer, packet)
         if self._next is not None:  # it has not been ended

@@ -22,9 +22,9 @@ from cosim.channels.air.jammers import emissions
 from cosim.channels.air.spectra import LE_1M as KIND_1M
 from cosim.channels.air.spectra import LE_2M as KIND_2M
 from cosim.channels.base import Positions
+from cosim.channels.ble.bits.errors import CLEAR_G, UNNOTICED, least_dbm, noise_mw, ratio, received
 from cosim.channels.ble.channels import frequency_mhz, rf_channel
-from cosim.channels.ble.errors import CLEAR_G, UNNOTICED, least_dbm, noise_mw, ratio, received
-from cosim.channels.ble.exchange import Reception
+from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.phy import LE_1M, LE_2M, PHYS, Phy
 from cosim.channels.ble.settings import BleSettings
 from cosim.channels.jamming import Jammer

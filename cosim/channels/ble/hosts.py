@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from cosim.channels.base import Arrival
-from cosim.channels.ble.crc import crc24
+from cosim.channels.ble.bits.crc import crc24
 from cosim.channels.ble.ether import Judgement, Sent
 from cosim.intervals import Intervals
 from cosim.kernel import WAKE, Kernel

@@ -13,16 +13,16 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from cosim.channels.ble.antenna import Antenna
-from cosim.channels.ble.arq import Fragment
-from cosim.channels.ble.ether import Ether, Judgement, Sent
-from cosim.channels.ble.exchange import Packet, Reception, Side
-from cosim.channels.ble.hosts import Hosts, Record
-from cosim.channels.ble.l2cap import ATTRIBUTES, LEAST_OCTETS, Message, Reassembly, fragments
-from cosim.channels.ble.link import Link
-from cosim.channels.ble.pdu import Llid, encode_data
+from cosim.channels.ble.bits.l2cap import ATTRIBUTES, LEAST_OCTETS, Message, Reassembly, fragments
+from cosim.channels.ble.bits.pdu import Llid, encode_data
+from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.exchange import Packet, Reception, Side, exchange_time
+from cosim.channels.ble.connections.link import Link
+from cosim.channels.ble.environment import Environment
+from cosim.channels.ble.ether import Judgement, Sent
 from cosim.channels.ble.phy import T_IFS, Phy
 from cosim.errors import WireError
-from cosim.kernel import Handle, Kernel
+from cosim.kernel import Handle
 from cosim.machine import Address, Lost, Outcome, Outgoing
 from cosim.machine import Reception as Arrived
 from cosim.units import Time
@@ -64,14 +64,11 @@ class Session:
 
     def __init__(
         self,
-        kernel: Kernel,
-        ether: Ether,
+        environment: Environment,
         link: Link,
         part: int,
         terminals: tuple[Terminal, Terminal],
         limits: Limits,
-        hosts: Hosts,
-        record: Record,
         lost: Callable[[Address, Address], None],
         may_rest: "Callable[[Session], bool]",
     ) -> None:
@@ -81,9 +78,8 @@ class Session:
         self.link = link
         self.part = part
         """Which part of each interval of its central it has."""
-        self._kernel, self._ether = kernel, ether
+        self._kernel, self._ether, self._hosts, self._record = environment
         self._limits = limits
-        self._hosts, self._record = hosts, record
         self._lost, self._may_rest = lost, may_rest
         self._resting = False
         self._next: Handle | None = None
@@ -104,7 +100,8 @@ class Session:
     @property
     def _least(self) -> Time:
         """The time that a poll and an empty answer take, with the pause behind each."""
-        return sum(phy.air_time(0) + T_IFS for phy in self.link.central.phys)
+        down, up = self.link.central.phys
+        return exchange_time(down, 0, up, 0)
 
     # ---------------------------------------------------------------- what hosts want
 

@@ -5,8 +5,8 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from cosim.channels.ble.advertising import LONGEST_DELAY
-from cosim.channels.ble.parameters import ConnectionParameters
-from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM
+from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM
+from cosim.channels.ble.connections.parameters import ConnectionParameters
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.errors import UserError

@@ -42,7 +42,7 @@ PHYS = {"1M": LE_1M, "2M": LE_2M, "coded": CODED_S8}
 
 def first_heard(field: Field, scanner: int, advertiser: int, since: int) -> int:
     """Return when the scanner hears the advertiser first, packet by packet; nothing else is on the air."""
-    beacon, windows = field.channel.devices[advertiser].beacon, scan_windows(field, scanner)
+    beacon, windows = field.channel.devices[advertiser].station.beacon, scan_windows(field, scanner)
     assert beacon.advertiser is not None
     for event in beacon.advertiser.events_from(0):
         for turn, channel in enumerate(beacon.advertiser.channels):

@@ -5,11 +5,7 @@ from math import ceil
 
 import pytest
 
-from cosim.channels.ble.anchors import Anchors, Expectation
-from cosim.channels.ble.arq import Fragment
-from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
-from cosim.channels.ble.connection import event_at, instant_for
-from cosim.channels.ble.control import (
+from cosim.channels.ble.bits.control import (
     PHY_1M,
     PHY_2M,
     PHY_CODED,
@@ -20,10 +16,14 @@ from cosim.channels.ble.control import (
     PhyUpdateInd,
     encode_control,
 )
-from cosim.channels.ble.exchange import Packet, Reception, Side
-from cosim.channels.ble.link import Link, Loss, run_event
-from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
-from cosim.channels.ble.pdu import LLData, Llid
+from cosim.channels.ble.bits.pdu import LLData, Llid
+from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
+from cosim.channels.ble.connections.anchors import Anchors, Expectation
+from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.connection import event_at, instant_for
+from cosim.channels.ble.connections.exchange import Packet, Reception, Side
+from cosim.channels.ble.connections.link import Link, Loss, run_event
+from cosim.channels.ble.connections.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M
 from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError, UserError

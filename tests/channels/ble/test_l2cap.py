@@ -4,9 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.channels.ble.arq import Fragment
-from cosim.channels.ble.channel_map import ChannelMap
-from cosim.channels.ble.control import (
+from cosim.channels.ble.bits.control import (
     LAYOUTS,
     ChannelMapInd,
     ConnectionUpdateInd,
@@ -18,9 +16,11 @@ from cosim.channels.ble.control import (
     decode_control,
     encode_control,
 )
-from cosim.channels.ble.l2cap import Message, Reassembly, fragments
-from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
-from cosim.channels.ble.pdu import Llid
+from cosim.channels.ble.bits.l2cap import Message, Reassembly, fragments
+from cosim.channels.ble.bits.pdu import Llid
+from cosim.channels.ble.channel_map import ChannelMap
+from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.parameters import ConnectionParameters, TransmitWindow
 from cosim.errors import WireError
 
 US, MS = 1_000, 1_000_000

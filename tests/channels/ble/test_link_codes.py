@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cosim.channels.ble.access import ADVERTISING_ADDRESS, draw, is_valid
+from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS, draw, is_valid
+from cosim.channels.ble.bits.crc import ADVERTISING_INIT, crc24
+from cosim.channels.ble.bits.whitening import whiten
 from cosim.channels.ble.channels import ADVERTISING, CHANNELS, channel_index, frequency_mhz, rf_channel
-from cosim.channels.ble.crc import ADVERTISING_INIT, crc24
 from cosim.channels.ble.phy import CODED_S2, CODED_S8, LE_1M, LE_2M, PHYS, Phy
-from cosim.channels.ble.whitening import whiten
 from cosim.randomness import Streams
 from cosim.units import US
 

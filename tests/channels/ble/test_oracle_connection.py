@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import pytest
 
-from cosim.channels.ble import control
-from cosim.channels.ble.anchors import Anchors
-from cosim.channels.ble.arq import Fragment
+from cosim.channels.ble.bits import control
+from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
 from cosim.channels.ble.channel_map import ChannelMap
-from cosim.channels.ble.exchange import Reception, Side
-from cosim.channels.ble.link import Link, LinkEnd
-from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
-from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
+from cosim.channels.ble.connections.anchors import Anchors
+from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.exchange import Reception, Side
+from cosim.channels.ble.connections.link import Link, LinkEnd
+from cosim.channels.ble.connections.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.phy import PHYS
 from cosim.channels.clock import NativeClock
 from tests.oracles.campaign import Choice, Seeded, chance, pick

@@ -5,8 +5,7 @@ from collections import Counter
 
 import pytest
 
-from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
-from cosim.channels.ble.pdu import (
+from cosim.channels.ble.bits.pdu import (
     CLOCK_ACCURACIES_PPM,
     AdvertisingMode,
     AdvertisingType,
@@ -29,6 +28,7 @@ from cosim.channels.ble.pdu import (
     encode_data,
     encode_ll_data,
 )
+from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
 from cosim.errors import WireError
 from cosim.units import MS, US, S
 from tests.tiers import soak_count

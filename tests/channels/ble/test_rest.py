@@ -4,11 +4,11 @@ from itertools import product
 
 import pytest
 
-from cosim.channels.ble.arq import Fragment
+from cosim.channels.ble.bits.pdu import LLData, Llid
 from cosim.channels.ble.channel_map import ALL_CHANNELS
-from cosim.channels.ble.exchange import Reception, Side
-from cosim.channels.ble.link import Link, run_event
-from cosim.channels.ble.pdu import LLData, Llid
+from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.exchange import Reception, Side
+from cosim.channels.ble.connections.link import Link, run_event
 from cosim.channels.clock import NativeClock
 from cosim.errors import LocalProtocolError
 from cosim.units import MS, US, S

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from cosim.channels.ble.access import ADVERTISING_ADDRESS
+from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
 from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap, decode_channel_map
 from cosim.channels.ble.channels import DATA_CHANNELS
 from cosim.channels.ble.selection import (

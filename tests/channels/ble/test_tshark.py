@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from cosim.channels.ble.access import ADVERTISING_ADDRESS
-from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
-from cosim.channels.ble.crc import crc24
-from cosim.channels.ble.pdu import (
+from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
+from cosim.channels.ble.bits.crc import crc24
+from cosim.channels.ble.bits.pdu import (
     AdvertisingMode,
     AuxiliaryPhy,
     AuxPtr,
@@ -20,6 +19,7 @@ from cosim.channels.ble.pdu import (
     SyncInfo,
     encode_advertising,
 )
+from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
 from cosim.units import MS, US
 from tests.export.capture_reading import experts, find_tshark, read_fields
 

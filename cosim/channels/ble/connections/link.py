@@ -13,11 +13,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, TypeAlias
 
-from cosim.channels.ble.anchors import WINDOW_DELAYS, Anchors, Expectation
-from cosim.channels.ble.arq import EMPTY, Arq, Fragment, Heard
-from cosim.channels.ble.channel_map import ChannelMap
-from cosim.channels.ble.connection import Supervision, event_at, instant_for
-from cosim.channels.ble.control import (
+from cosim.channels.ble.bits.control import (
     PHY_1M,
     PHY_2M,
     PHY_CODED,
@@ -30,10 +26,14 @@ from cosim.channels.ble.control import (
     decode_control,
     encode_control,
 )
-from cosim.channels.ble.exchange import ConnectionEvent, Packet, Reception, Side
-from cosim.channels.ble.l2cap import LEAST_OCTETS, LEAST_TIME, LEAST_TIME_CODED, longest_payload
-from cosim.channels.ble.parameters import ConnectionParameters, TransmitWindow
-from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
+from cosim.channels.ble.bits.l2cap import LEAST_OCTETS, LEAST_TIME, LEAST_TIME_CODED, longest_payload
+from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
+from cosim.channels.ble.channel_map import ChannelMap
+from cosim.channels.ble.connections.anchors import WINDOW_DELAYS, Anchors, Expectation
+from cosim.channels.ble.connections.arq import EMPTY, Arq, Fragment, Heard
+from cosim.channels.ble.connections.connection import Supervision, event_at, instant_for
+from cosim.channels.ble.connections.exchange import ConnectionEvent, Packet, Reception, Side
+from cosim.channels.ble.connections.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, T_IFS, Phy
 from cosim.channels.ble.selection import channel_1, channel_2, identifier
 from cosim.channels.clock import NativeClock

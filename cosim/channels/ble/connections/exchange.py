@@ -18,11 +18,19 @@ from collections.abc import Callable
 from enum import Enum, IntEnum
 from typing import NamedTuple
 
-from cosim.channels.ble.arq import EMPTY, Arq, Fragment, Heard
-from cosim.channels.ble.pdu import DataPdu
+from cosim.channels.ble.bits.pdu import DataPdu
+from cosim.channels.ble.connections.arq import EMPTY, Arq, Fragment, Heard
 from cosim.channels.ble.phy import T_IFS, Phy
 from cosim.errors import LocalProtocolError
 from cosim.units import Time
+
+
+def exchange_time(down: Phy, octets_down: int, up: Phy, octets_up: int) -> Time:
+    """Return the time in ns from the start of a packet with *octets_down* to when the one after its answer may start.
+
+    *down* and *up* are the PHYs of the central's and of the peripheral's packets.
+    """
+    return down.air_time(octets_down) + T_IFS + up.air_time(octets_up) + T_IFS
 
 
 class Side(IntEnum):

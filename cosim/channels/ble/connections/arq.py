@@ -10,7 +10,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from cosim.channels.ble.pdu import DataPdu, Llid
+from cosim.channels.ble.bits.pdu import DataPdu, Llid
 
 
 class Fragment(NamedTuple):

@@ -7,8 +7,8 @@ information. Its first fragment has LLID 2, the others LLID 1.
 from struct import Struct
 from typing import Final, NamedTuple
 
-from cosim.channels.ble.arq import Fragment
-from cosim.channels.ble.pdu import Llid
+from cosim.channels.ble.bits.pdu import Llid
+from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.ble.phy import Phy
 from cosim.errors import WireError
 from cosim.units import US, Time

@@ -7,7 +7,7 @@ number modulo 65536.
 from dataclasses import dataclass
 from typing import Final
 
-from cosim.channels.ble.parameters import ConnectionParameters
+from cosim.channels.ble.connections.parameters import ConnectionParameters
 from cosim.channels.clock import NativeClock
 from cosim.units import Time
 

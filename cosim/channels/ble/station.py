@@ -1,0 +1,30 @@
+"""A device as others meet it: what it advertises, and when it listens on which channel."""
+
+from cosim.channels.ble.antenna import Antenna
+from cosim.channels.ble.beacon import Beacon
+from cosim.channels.ble.ether import Ether
+from cosim.channels.ble.scanning import ScanWindows
+from cosim.machine import Address
+from cosim.units import Time
+
+
+class Station:
+    """The device *address*, which listens in *windows*."""
+
+    def __init__(self, address: Address, ether: Ether, antenna: Antenna, beacon: Beacon, windows: ScanWindows) -> None:
+        self.address = address
+        self.antenna = antenna
+        self.beacon = beacon
+        self.windows = windows
+        """When it listens now: other ones during a procedure."""
+        self._ether = ether
+
+    def is_free(self, start: Time, end: Time) -> bool:
+        """Return whether it was on, and its antenna was free to listen, in [start, end)."""
+        free = self.antenna.taken_until(start, end) is None and self.beacon.taken_until(start, end) is None
+        return free and self._ether.was_on(self.address, start)
+
+    def listens(self, channel: int, start: Time, end: Time) -> bool:
+        """Return whether it listened on *channel* all of [start, end)."""
+        windows = self.windows
+        return windows.channel(start) == channel == windows.channel(end - 1) and self.is_free(start, end)
