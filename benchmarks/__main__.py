@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import simpy
 
-from benchmarks import aggregation, exploration, learning, reflection, start, workloads
+from benchmarks import aggregation, exploration, learning, low_energy, reflection, start, workloads
 from benchmarks.peers import arena
 
 ROUNDS = 7
@@ -68,6 +68,9 @@ FIGURES = (
     ),
     Figure("the same where signals fade, from a minute of it", workloads.idle_fading_hours, bound=1.2e6),
     Figure("delivered frame of the exchange of 17-byte states, run and machines included", workloads.exchanged_states),
+    Figure("idle hour of three LE links, 50 ms, whose 4 robots drive, in all", low_energy.idle_hours, bound=90e3),
+    Figure("the same where signals fade, from a minute of it (LE)", low_energy.idle_fading_hours, bound=1.2e6),
+    Figure("10 s of scanning for the names of 7 LE advertisers, 100 ms", low_energy.scans, bound=1000),
     Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries, bound=1200),
     Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),
     Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages, bound=40),

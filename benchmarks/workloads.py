@@ -133,18 +133,20 @@ def _piconet(seed: int, floor: Any = None, **settings: object) -> tuple[Kernel, 
 
 
 class Shuttles:
-    """Robots that drive to and fro without end, each in its lane."""
+    """*size* robots that drive to and fro without end, each in its lane."""
 
-    def __init__(self) -> None:
+    def __init__(self, size: int = 8) -> None:
         floor = load_floorplan(FloorplanSettings(map="storey.yaml"), FLOORS)
         self.floor = floor.grid, floor.wall_loss_db
-        self.fleet = Fleet([BodySettings(drive="grid")] * 8, [begin for begin, _ in LANES], floor.grid, TICK)
+        self.fleet = Fleet([BodySettings(drive="grid")] * size, [begin for begin, _ in LANES[:size]], floor.grid, TICK)
         self._ticks = 0
 
     def tick(self) -> None:
         if self._ticks % 97 == 0:  # 4.5 m at 0.5 m/s and 1 m/s2 take 95 ticks
             end = (self._ticks // 97 + 1) % 2
-            self.fleet.apply((robot, GoTo(*lane[end])) for robot, lane in enumerate(LANES))
+            self.fleet.apply(
+                (robot, GoTo(*lane[end])) for robot, lane in enumerate(LANES[: len(self.fleet.positions_m)])
+            )
         self._ticks += 1
         self.fleet.step()
 

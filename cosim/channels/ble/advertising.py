@@ -99,8 +99,8 @@ class Advertiser:
             return first
         if self._cursor.local >= least:
             self._cursor = self._earlier if self._earlier.local < least else first
-        elif self._cursor.local - self._earlier.local > STEP_BACK:
-            self._earlier = self._cursor
+        if least - self._cursor.local > STEP_BACK:
+            self._earlier = self._cursor = Event(*_last_before(*self.steps, *self._cursor, least - STEP_BACK))
         self._cursor = Event(*_last_before(*self.steps, *self._cursor, least))
         return self.after(self._cursor)
 

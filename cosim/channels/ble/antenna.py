@@ -27,7 +27,7 @@ class Antenna:
 
     def book(self, start: Time, end: Time, owner: object = None) -> None:
         """Take it for [start, end)."""
-        while self._booked and self._booked[0][1] < start - LOOKBACK:
+        while self._booked and self._booked[0][1] < start - 2 * LOOKBACK:  # events that are looked at last 3 ms
             self._booked.popleft()
         self._booked.append((start, end, owner))
 

@@ -52,6 +52,8 @@ class Beacon:
         self._antenna = antenna
         self._draws = draws
         self._begun = 0
+        self._quiet: tuple[Time, Time] = (0, 0)
+        """A time [since, until) in which none of its packets begins."""
         self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
 
     def begin(self, now: Time, after: Time) -> None:
@@ -61,6 +63,7 @@ class Beacon:
             draws = self._draws(self._begun)
             self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws)
             self.since, self._begun = now, self._begun + 1
+            self._quiet = 0, 0
 
     def end(self, now: Time) -> None:
         """Do not advertise any more: what is on the air goes to its end, and nothing begins."""
@@ -87,13 +90,17 @@ class Beacon:
     def _events(self, since: Time, until: Time) -> Iterator[tuple[Advertiser, Event, Time]]:
         """Yield its events of which a packet begins in [since, until), with the instant at which it stops to send."""
         spans = [*self._ended]
-        if self.advertiser is not None:
+        if self.advertiser is not None and not (self._quiet[0] <= since and until <= self._quiet[1]):
             spans.append((self.advertiser, until))
         for advertiser, over in spans:
             event = advertiser.event_from(since)
-            while advertiser.start(event, 0) < min(until, over):
+            begin = advertiser.start(event, 0)
+            if advertiser is self.advertiser and begin >= until:
+                self._quiet = since, begin
+            while begin < min(until, over):
                 yield advertiser, event, over
                 event = advertiser.after(event)
+                begin = advertiser.start(event, 0)
 
     def taken_until(self, start: Time, end: Time) -> Time | None:
         """Return the end of the event that it sends in [start, end), or in part of that; None if it sends none."""

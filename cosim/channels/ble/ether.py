@@ -36,8 +36,9 @@ from cosim.units import MS, Time
 
 _ANY_DBM: Final = -1e300
 """What everything that is received at all has more of."""
-LOOKBACK: Final[Time] = 40 * MS
-"""Time before an instant in which what is on the air at that instant began, and what it met: two longest packets."""
+LOOKBACK: Final[Time] = 18 * MS
+"""Time before an instant in which what is on the air at that instant began (17.04 ms), and what follows from arithmetic
+and was on the air when it did (0.72 ms)."""
 
 
 @dataclass(slots=True)
