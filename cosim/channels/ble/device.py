@@ -53,7 +53,7 @@ from cosim.units import Time, from_seconds
 
 MOST_SETS: Final = 16
 """Advertising sets that a device has at once; further payloads for everyone wait."""
-_PHYS: Final[dict[str, tuple[Phy, int]]] = {
+LINK_PHYS: Final[dict[str, tuple[Phy, int]]] = {
     "1M": (LE_1M, PHY_1M),
     "2M": (LE_2M, PHY_2M),
     "coded": (CODED_S8, PHY_CODED),
@@ -353,7 +353,7 @@ class Device:
         ppm = CLOCK_ACCURACIES_PPM[site.settings.sca]
         clocks = self.clock, site.devices[peer.address].clock
         link = Link(ll_data, self._kernel.now, clocks, ppm, start=first)
-        phy, bits = _PHYS[connection.phy]
+        phy, bits = LINK_PHYS[connection.phy]
         limits = Limits(
             connection.mtu_octets, site.settings.queue_payloads, connection.interval // connection.links, phy
         )
