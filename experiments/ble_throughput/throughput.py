@@ -1,8 +1,8 @@
 """What a link of Bluetooth Low Energy carries: a backlogged central, one peripheral, every packet on the channel.
 
 The link is set up side by side, and has agreed on lengths and PHY when the peripheral moves away to where the received
-power is the wanted one, in free space. From then on the central has always something to send, a packet a payload, and the
-peripheral nothing: it answers with empty packets. What is counted is what was acknowledged, in whole intervals.
+power is the wanted one, in free space. From then on the central has always something to send, a packet a payload, and
+the peripheral nothing: it answers with empty packets. What is counted is what was acknowledged, in whole intervals.
 """
 
 from collections.abc import Mapping
@@ -51,7 +51,7 @@ class Parameters(Settings):
     octets: Count = Field(default=251, ge=27, le=251, description="payload of the packets")
     interval_s: Seconds = Field(default=0.03, gt=0, description="s, connInterval")
     margin_db: Decibels = Field(default=60, description="dB of the signal above the sensitivity of that PHY")
-    duration_s: Seconds = Field(default=4.0, gt=0, description="s that are counted, rounded up to whole intervals")
+    duration_s: Seconds = Field(default=2.0, gt=0, description="s that are counted, rounded up to whole intervals")
 
 
 class Host:
@@ -108,7 +108,7 @@ def exchanges(given: Parameters) -> int:
 
 
 def expected_kbps(given: Parameters) -> float:
-    """Return the rate in kb/s with losses: what is acknowledged in an event, in the mean, of a chain over its exchanges.
+    """Return the rate in kb/s with losses, as a chain over the exchanges of an event has it.
 
     An event ends with a packet of which the header is not received, with the second one in a row that an end receives
     with a wrong CRC, or when no exchange fits any more. Whether the packet at the head of the queue has been received,
