@@ -205,12 +205,12 @@ def _write_scene(simulation: Simulation, seed: int, folder: Path) -> None:
 
 def _captured_tables(scenario: Scenario) -> Sequence[Table]:
     """Return the tables of what a capture of *scenario* shows; raise UserError if there is nothing."""
-    from cosim.export.capture import captured_tables
+    from cosim.export.capture import CAPTURED, captured_tables
 
     tables = captured_tables(scenario.channel)
     if not tables:
-        kind = scenario.channel.kind
-        raise UserError(f"--pcapng: channel.kind is {kind!r}, captures are of 'bluetooth' and 'adhoc' only")
+        kind, known = scenario.channel.kind, ", ".join(map(repr, CAPTURED))
+        raise UserError(f"--pcapng: channel.kind is {kind!r}, captures are of {known} only")
     return tables
 
 

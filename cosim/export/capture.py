@@ -5,24 +5,28 @@ from heapq import merge
 from itertools import compress
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from cosim import __version__
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.base import Channel
+from cosim.channels.ble.channel import BleChannel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.radios import RadiosSettings
-from cosim.export import baseband, ieee80211
+from cosim.export import baseband, ieee80211, low_energy
 from cosim.export.pcapng import Interface, Packet, write_pcapng
 from cosim.trace import FRAMES, TRANSMISSIONS, Table, Trace
+
+CAPTURED: Final = {"bluetooth": FRAMES, "adhoc": TRANSMISSIONS, "ble": TRANSMISSIONS}
+"""The kinds of channels that can be captured, and the table that a capture of each is made of."""
 
 
 def captured_tables(settings: ChannelSettings) -> tuple[Table, ...]:
     """Return the tables that a capture of a run with such a channel is made of; none if it has nothing to capture."""
     radios = settings.radios if isinstance(settings, RadiosSettings) else (settings,)
     kinds = {radio.kind for radio in radios}
-    return tuple(table for kind, table in (("bluetooth", FRAMES), ("adhoc", TRANSMISSIONS)) if kind in kinds)
+    return tuple({table: None for kind, table in CAPTURED.items() if kind in kinds})
 
 
 def write_capture(path: Path, channel: Channel, trace: Trace, comment: str) -> int:
@@ -44,6 +48,10 @@ def write_capture(path: Path, channel: Channel, trace: Trace, comment: str) -> i
         elif isinstance(part, AdhocChannel):
             interfaces += [ieee80211.interface(robot, radio, name) for robot, name in zip(carriers, names, strict=True)]
             sources.append(_placed(ieee80211.packets(_rows(trace, TRANSMISSIONS, radio), radio), places))
+        elif isinstance(part, BleChannel):
+            places = dict.fromkeys(carriers, len(interfaces))  # a connection is followed on one interface only
+            interfaces.append(low_energy.interface(radio))
+            sources.append(_placed(low_energy.packets(_rows(trace, TRANSMISSIONS, radio)), places))
     packets = merge(*sources, key=attrgetter("time"))
     return write_pcapng(path, interfaces, packets, f"cosim {__version__}", comment)
 

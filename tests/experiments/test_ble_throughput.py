@@ -1,4 +1,4 @@
-"""ble_throughput: its closed form against draws of whole events, a point of it, and what its claims say of made-up runs."""
+"""ble_throughput: its closed form against draws of whole events, a point of it, and its claims on made-up runs."""
 
 import numpy as np
 import pandas as pd

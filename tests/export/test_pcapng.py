@@ -396,7 +396,7 @@ def test_a_capture_needs_no_trace_and_changes_nothing(scenario: str, capsys: pyt
 def test_captures_are_of_radios_only(scenario: str, capsys: pytest.CaptureFixture[str]):
     assert run(scenario, "--set", "channel={kind: ideal}", "--pcapng", "new/three.pcapng") == 2
     told = capsys.readouterr()
-    assert told.err == "--pcapng: channel.kind is 'ideal', captures are of 'bluetooth' and 'adhoc' only\n"
+    assert told.err == "--pcapng: channel.kind is 'ideal', captures are of 'bluetooth', 'adhoc', 'ble' only\n"
     assert told.out == ""
     assert not Path("new").exists()
 

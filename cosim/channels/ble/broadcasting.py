@@ -171,7 +171,8 @@ class AdvertisingSet:
             return
         self._left, self._event = self._left - 1, self._event + 1
         if self._left:
-            self._next = self._kernel.after(self._settings.interval - self._duration + self._delay(), self._begin)
+            rest = max(0, self._settings.interval - self._duration)  # an event may be longer than an interval
+            self._next = self._kernel.after(rest + self._delay(), self._begin)
         else:
             self._next = None
             self._hosts.over(self._station.address, self.outgoing, Outcome.SENT)
