@@ -102,6 +102,12 @@ def test_what_was_encoded_is_decoded_to_the_same_in_one_dm1_packet_and_is_marked
     assert SPEC.decode(Parameters(), 10, data) == packet
 
 
+@given(packets)
+def test_small_teams_have_the_packets_of_the_paper(packet: Packet) -> None:
+    assert SPEC.decode is not None
+    assert SPEC.decode(Parameters(), 8, encode(packet)) == packet
+
+
 @given(st.binary(min_size=1, max_size=18))
 def test_bytes_with_a_right_crc_are_a_packet_or_are_refused(body: bytes) -> None:
     data = closed(body)
@@ -143,6 +149,7 @@ def told(size: int, links: int | None, shares: bool = True) -> Any:
         (8, 7, None, 8),
         (9, 7, None, 8),
         (9, 7, 4, 4),
+        (9, 7, 8, 8),
         (9, None, None, 8),
         (9, None, 9, 9),
         (9, None, 12, 12),
