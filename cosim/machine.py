@@ -93,6 +93,8 @@ class Discovered:
     peer: Address
     clock_offset: int = 0
     """Ticks of 312.5 us from the own clock to the peer's, mod 2**28, as far as its answer told; 0 without clocks."""
+    radio: int = 0
+    """Which of the robot's radios it comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,8 @@ class InquiryComplete:
     """The inquiry is over; *found* are all peers that it has found, in the order of their replies."""
 
     found: tuple[Address, ...]
+    radio: int = 0
+    """Which of the robot's radios it comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +118,8 @@ class Connected:
     role: Role
     hop_address: int = 0
     hop_clock: int = 0
+    radio: int = 0
+    """Which of the robot's radios it comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +127,8 @@ class PageFailed:
     """Paging *peer* ended without a link."""
 
     peer: Address
+    radio: int = 0
+    """Which of the robot's radios it comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +136,8 @@ class Lost:
     """The link to *peer* is gone: nothing was heard of it for the supervision time-out, or the other side closed it."""
 
     peer: Address
+    radio: int = 0
+    """Which of the robot's radios it comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +146,8 @@ class ModeChanged:
 
     peer: Address
     mode: Mode
+    radio: int = 0
+    """Which of the robot's radios it comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +156,8 @@ class RoleChanged:
 
     peer: Address
     role: Role
+    radio: int = 0
+    """Which of the robot's radios it comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +166,8 @@ class Fate:
 
     token: int
     outcome: Outcome
+    radio: int = 0
+    """Which of the robot's radios it comes from."""
 
 
 LinkEvent: TypeAlias = Discovered | InquiryComplete | Connected | PageFailed | Lost | ModeChanged | RoleChanged | Fate
@@ -176,6 +192,8 @@ class Inquire:
 
     duration: Time
     enough: int
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +203,8 @@ class Page:
     peer: Address
     clock_offset: int | None = None
     """Where the peer's clock is taken to be, as in :class:`Discovered`; None: as the last inquiry told, if any did."""
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +212,8 @@ class Scan:
     """Be discoverable and connectable (both), or not."""
 
     enabled: bool
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +221,8 @@ class Disconnect:
     """Close the link to *peer*; what is still queued for it is flushed."""
 
     peer: Address
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +230,8 @@ class Flush:
     """Take out of the queue what is meant for *destination* and has not been on the air yet."""
 
     destination: Address
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +247,8 @@ class Share:
     parts: tuple[tuple[Address, int, int], ...]
     """(master of the piconet, possibly oneself; first slot of the part; its number of slots)."""
     reference: Address
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +257,8 @@ class Hold:
 
     peer: Address
     slots: int
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,13 +273,17 @@ class Sniff:
     interval_slots: int
     offset_slots: int
     attempt_slots: int
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Park:
-    """Make the link to the slave *peer* a mere membership, which costs none of the master's seven places."""
+    """Make the link to the slave *peer* a mere membership, which costs none of the master's places."""
 
     peer: Address
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,6 +291,8 @@ class Unpark:
     """Give the parked slave *peer* a place again, at its next beacon."""
 
     peer: Address
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,6 +300,8 @@ class SwitchRole:
     """Exchange the roles of the two ends of the link to *peer*, which must be the only link of both."""
 
     peer: Address
+    radio: int = 0
+    """Which of the robot's radios it is for."""
 
 
 ModeCommand: TypeAlias = Hold | Sniff | Park | Unpark

@@ -30,7 +30,7 @@ from cosim.machine import (
     Unrecorded,
 )
 from cosim.observation import Observation
-from cosim.trace import CALLS, LINKS, MESSAGES, WAKES, Trace
+from cosim.trace import CALLS, LINKS, MESSAGES, WAKES, Trace, link_detail
 from cosim.units import S, Time, to_seconds
 
 LATEST: Final[Time] = 4_000_000_000 * S
@@ -231,7 +231,12 @@ class Node:
 
 
 def _told(event: LinkEvent) -> tuple[str, Address, str]:
-    """Return what the table ``links`` holds of *event*: its type, the robot at the other end, and what it says."""
+    """Return what the table ``links`` holds of *event*: its type, the robot at the other end, and its detail."""
+    kind, peer, said = _said(event)
+    return kind, peer, link_detail(said, event.radio)
+
+
+def _said(event: LinkEvent) -> tuple[str, Address, str]:
     match event:
         case InquiryComplete():
             return "InquiryComplete", -1, ""
@@ -259,6 +264,8 @@ def misuse(item: object, size: int, radios: Container[int]) -> str | None:
             return None
         named: tuple[Address, ...] = (item.destination,)
     elif isinstance(item, LinkCommand):
+        if item.radio not in radios:
+            return f"the robot has no radio {item.radio}"
         named = _named(item)
     else:
         return f"it is of the type {type(item).__name__}, expected Outgoing or a link command"

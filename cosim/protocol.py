@@ -24,6 +24,15 @@ ATTEMPTS: Final = 10_000
 """The number of places that are tried for a robot."""
 
 
+class PayloadBytes(NamedTuple):
+    """The longest payloads that a radio carries, in bytes; None: any. What is longer is never sent (TOO_LONG)."""
+
+    unicast: int | None = None
+    """To one robot."""
+    broadcast: int | None = None
+    """To everyone."""
+
+
 class Surroundings(NamedTuple):
     """What a protocol may be told of a run before it starts."""
 
@@ -61,6 +70,15 @@ class Surroundings(NamedTuple):
     """How many beams a scan has."""
     radios: tuple[tuple[int, ...], ...] = ()
     """The numbers of each robot's radios."""
+    links: tuple[int | None, ...] = ()
+    """The most links that a radio can hold at once as their master, by the number of the radio.
+
+    None where that has no limit, or a radio needs no links; () where nothing is known of radios.
+    """
+    payload_bytes: tuple[PayloadBytes, ...] = ()
+    """The longest payloads of each radio, by its number."""
+    shares: tuple[bool, ...] = ()
+    """Whether a radio can divide its time among piconets as ``Share`` says, or need not, by its number."""
     odometry_errs: bool = False
     """True if robots do not know how they have moved exactly."""
     fits: Callable[[tuple[float, float], float], bool] = lambda place_m, radius_m: True

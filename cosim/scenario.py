@@ -244,7 +244,8 @@ class Scenario(Settings):
         return from_seconds(self.duration_s)
 
     @property
-    def _radios(self) -> tuple[ChannelSettings, ...]:
+    def radios(self) -> tuple[ChannelSettings, ...]:
+        """The settings of the channel of each radio."""
         return self.channel.radios if isinstance(self.channel, RadiosSettings) else (self.channel,)
 
     def map_digests(self) -> list[str]:
@@ -286,7 +287,7 @@ class Scenario(Settings):
 
     @model_validator(mode="after")
     def _radios_exist(self) -> Self:
-        count = len(self._radios)
+        count = len(self.radios)
         named: list[tuple[tuple[str | int, ...], tuple[int, ...]]] = [(("radios",), self.team.radios)]
         named += [
             (("groups", n, "radios"), group.radios) for n, group in enumerate(self.team.groups or ()) if group.radios
@@ -317,7 +318,7 @@ class Scenario(Settings):
         given = [((), team, {radio for radios in team.carried for radio in radios})]
         given += [(("groups", n), group, {*(group.radios or team.radios)}) for n, group in enumerate(team.groups or ())]
         for place, robots, radios in given:
-            settings = [self._radios[radio] for radio in sorted(radios)]
+            settings = [self.radios[radio] for radio in sorted(radios)]
             uses = {channel_spec(each.kind).strength(each) for each in settings}
             for field, which in _STRENGTHS.items():
                 value = getattr(robots, field)
@@ -337,7 +338,7 @@ class Scenario(Settings):
     def _faults_name_radios_that_exist(self) -> Self:
         for number, fault in enumerate(self.faults):
             radio = getattr(fault, "radio", None)
-            whose, known = "the channel", tuple(range(len(self._radios)))
+            whose, known = "the channel", tuple(range(len(self.radios)))
             if isinstance(fault, RadioOffSettings):
                 whose, known = f"robot {fault.robot}", self.team.carried[fault.robot]
             if radio is not None and radio not in known:

@@ -195,6 +195,7 @@ class Simulation:
 
     def _surroundings(self, parameters: Any, streams: Streams) -> Surroundings:
         scenario, floor = self.scenario, self.floorplan
+        kinds = [(channel_spec(each.kind), each) for each in scenario.radios]
         bodies = scenario.team.bodies
         radii_m = tuple(body.radius_m for body in bodies)
         speeds_mps = tuple(body.speed_mps for body in bodies)
@@ -215,6 +216,9 @@ class Simulation:
             scan_range_m=scenario.team.senses.beam_range_m,
             beams=scenario.team.senses.beams,
             radios=scenario.team.carried,
+            links=tuple(kind.links(settings) for kind, settings in kinds),
+            payload_bytes=tuple(kind.payload_bytes(settings) for kind, settings in kinds),
+            shares=tuple(kind.shares(settings) for kind, settings in kinds),
             odometry_errs=scenario.team.senses.drifts,
             fits=lambda place_m, radius_m: misfit(place_m, radius_m, floor) is None,
         )

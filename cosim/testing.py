@@ -10,7 +10,7 @@ That encoded frames decode to equal frames cannot be seen from outside; it is le
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, zip_longest
 from typing import Any, Final, TypeAlias
 
@@ -92,7 +92,7 @@ def check_machine(
     that of the random bytes; each robot has so many *radios*. The laws: equal inputs give equal outputs; ``wake_at`` is
     pure, and in the future after ``wake``; that is idempotent; a queue that was drained is empty, and so is that of a
     machine which says that nothing has come of an input; payloads are bytes,
-    to robots of the team and by radios that they have, and link commands name robots of the team; events are of the
+    to robots of the team, link commands name robots of the team, and both radios that robots have; events are of the
     types *events*, if they are given; own frames that come back change nothing; a later start makes all deadlines later
     by as much; bytes of any kind never raise, and those that mean nothing become an event; every other input is taken
     or refused by LocalProtocolError, by a new machine and by one that was driven.
@@ -106,9 +106,9 @@ def check_machine(
     payloads = list(dict.fromkeys(chain.from_iterable(watched.payloads for watched in plain)))
     for machines in (drill.fresh(), drill.again(plain, duration)):
         _check_bytes(machines, payloads, Streams(seed)("check_machine"))
-    for kind in range(len(_inputs(1, starts_m[0]))):
+    for kind in range(len(_inputs(1, starts_m[0], radios))):
         for machines in (drill.fresh(), drill.again(plain, duration // 10), drill.again(plain, duration)):
-            _check_input(machines, kind, starts_m)
+            _check_input(machines, kind, starts_m, radios)
 
 
 class _Watched:
@@ -387,9 +387,12 @@ def _damage(payload: bytes, stream: np.random.Generator) -> bytes:
             return payload[:place] + stream.bytes(1) + payload[place:]
 
 
-def _inputs(peer: Address, place: Point) -> list[LinkEvent | Observation | None]:
-    """Return inputs of every kind but bytes: news about *peer*, a body at *place* (m), and None for a wake."""
-    return [
+def _inputs(peer: Address, place: Point, radios: int = 1) -> list[LinkEvent | Observation | None]:
+    """Return inputs of every kind but bytes: news about *peer*, a body at *place* (m), and None for a wake.
+
+    There is news by each of so many *radios*.
+    """
+    news: list[LinkEvent] = [
         Discovered(peer),
         InquiryComplete(()),
         InquiryComplete((peer,)),
@@ -399,15 +402,18 @@ def _inputs(peer: Address, place: Point) -> list[LinkEvent | Observation | None]
         *(ModeChanged(peer, mode) for mode in Mode),
         *(RoleChanged(peer, role) for role in Role),
         *(Fate(token, outcome) for token in (0, 1_000_000) for outcome in Outcome),
+    ]
+    return [
+        *(replace(each, radio=radio) for radio in range(radios) for each in news),
         *(Observation(*place, 0.0, 0.0, a, b, Seen((peer,))) for a in (False, True) for b in (False, True)),
         None,
     ]
 
 
-def _check_input(machines: list[_Watched], kind: int, starts_m: Sequence[Point]) -> None:
+def _check_input(machines: list[_Watched], kind: int, starts_m: Sequence[Point], radios: int) -> None:
     """Give every machine the input number *kind*, about the next machine of the team and its own start."""
     for watched in machines:
-        given = _inputs((watched.address + 1) % len(machines), starts_m[watched.address])[kind]
+        given = _inputs((watched.address + 1) % len(machines), starts_m[watched.address], radios)[kind]
         with _nothing_raised(f"every input is taken or refused: machine {watched.address}: {given or 'wake'}"):
             try:
                 if given is None:

@@ -182,9 +182,27 @@ LINKS: Final = Table(
         _SOURCE,
         Field("event", "str", "", "Discovered, InquiryComplete, Connected, PageFailed, Lost, ... as in cosim.machine"),
         Field("peer", "int", "", "the robot at the other end; -1 where it is about none"),
-        Field("detail", "str", "", "the role, the mode, or what became of the payload"),
+        Field("detail", "str", "", "the role, the mode, or what became of the payload; then radio= of any radio but 0"),
     ),
 )
+_OF_RADIO: Final = "radio="
+
+
+def link_detail(said: str, radio: int) -> str:
+    """Return the detail of a row of ``links`` that says *said* about a link of *radio*.
+
+    The first radio is not named: so the table is the same for any number of radios, and for runs of before there were
+    links by others.
+    """
+    return f"{said} {_OF_RADIO}{radio}".lstrip() if radio else said
+
+
+def link_told(detail: str) -> tuple[str, int]:
+    """Return what a row of ``links`` with this *detail* says, and of which radio: what ``link_detail`` was given."""
+    said, named, radio = detail.rpartition(_OF_RADIO)
+    return (said.rstrip(), int(radio)) if named else (detail, 0)
+
+
 METRICS: Final = Table(
     "metrics",
     "what metrics of the run would be if it ended then, a row for each that has changed, at most once a second",

@@ -105,6 +105,8 @@ def test_a_message_that_no_frame_can_hold_is_refused() -> None:
 def test_a_piconet_has_at_most_eight_robots() -> None:
     with pytest.raises(UserError, match=r"^protocol.parameters.transport.links: 9 robots"):
         simulate(scenario(9, transport=LINKS), 1)
+    with pytest.raises(UserError, match=r"^protocol.parameters.transport.links: 10 robots, a piconet has at most 9"):
+        simulate(scenario(10, transport=LINKS, channel={"kind": "ble"}), 1)
 
 
 # ---------------------------------------------------------------- the contract of PettingZoo

@@ -15,6 +15,7 @@ from cosim.machine import (
     Address,
     Call,
     Command,
+    Connected,
     Disconnect,
     Discovered,
     Drains,
@@ -22,19 +23,24 @@ from cosim.machine import (
     Event,
     Fate,
     Flush,
+    InquiryComplete,
     LinkCommand,
     LinkEvent,
     Lost,
+    Mode,
+    ModeChanged,
     Outcome,
     Outgoing,
     Page,
     Reception,
+    Role,
+    RoleChanged,
     Share,
     Unrecorded,
 )
 from cosim.node import Node
 from cosim.observation import Observation
-from cosim.trace import CALLS, MESSAGES, WAKES, Trace, events_table
+from cosim.trace import CALLS, LINKS, MESSAGES, WAKES, Trace, events_table, link_told
 from cosim.units import S, Time
 
 OBSERVATION = Observation(1.0, 2.0, 0.0, 0.0, True, False)
@@ -220,6 +226,8 @@ def test_a_machine_that_said_nothing_is_drained_after_news_and_when_asked(bench:
         (Flush(2), "2 is no robot"),
         (Share(8, ((0, 0, 4), (5, 4, 4)), 0), "5 is no robot"),
         (Share(8, (), 7), "7 is no robot"),
+        (Share(8, (), 0, radio=1), "the robot has no radio 1"),
+        (Page(1, radio=-1), "the robot has no radio -1"),
         (Drive(1.0, 0.0), "it is of the type Drive, expected Outgoing or a link command"),
         (Outgoing(1, 10**6 * "x"), r"xxx\.\.\.: its payload"),
     ],
@@ -231,6 +239,28 @@ def test_what_nobody_could_send_stops_the_run_and_is_named_with_robot_and_time(b
         bench.kernel.run(2_000_000_000)
     assert len(str(told.value)) < 250
     assert bench.wire.asked == []
+
+
+@pytest.mark.parametrize(
+    ("event", "peer", "detail"),
+    [
+        (Discovered(1, 5), 1, ""),
+        (Lost(1, 2), 1, "radio=2"),
+        (InquiryComplete((1,), 1), -1, "radio=1"),
+        (Connected(1, Role.SLAVE, 8, 9), 1, "slave"),
+        (RoleChanged(1, Role.MASTER, 3), 1, "master radio=3"),
+        (ModeChanged(1, Mode.SNIFF, 1), 1, "sniff radio=1"),
+        (Fate(7, Outcome.NO_LINK), -1, "no_link"),
+        (Fate(7, Outcome.DELIVERED, 12), -1, "delivered radio=12"),
+    ],
+)
+def test_the_table_of_links_names_any_radio_but_the_first(event: LinkEvent, peer: int, detail: str) -> None:
+    trace = Trace([LINKS])
+    node = Node(0, Puppet(), Kernel(), Wire(Kernel(), trace, 2), trace)
+    node.link(event, 5)
+    row = {"time_ns": [5], "source": [0], "event": [type(event).__name__], "peer": [peer], "detail": [detail]}
+    assert trace.columns("links") == row
+    assert link_told(detail) == (detail.partition("radio=")[0].strip(), event.radio)
 
 
 def test_the_cable_to_the_operator_is_no_radio(bench: Bench):

@@ -25,6 +25,7 @@ from cosim.machine import (
     Page,
     Reception,
     Role,
+    RoleChanged,
 )
 from cosim.observation import Observation
 from cosim.testing import LawError, _inputs, check_machine
@@ -426,6 +427,32 @@ def test_a_machine_may_stamp_its_frames_with_the_time():
                 self.rows.append(Malformed(len(data)))
 
     check_machine(Stamps, duration=2 * S)
+
+
+def test_news_comes_by_each_radio_and_commands_go_to_those_that_there_are():
+    class OfTwo(Beacon):
+        def __init__(self, address: Address, start: Time) -> None:
+            super().__init__(address, start)
+            self.out.append(Inquire(S, 8, radio=1))
+
+        def link(self, event: LinkEvent, now: Time) -> None:
+            if event.radio == 0:
+                super().link(event, now)
+            elif isinstance(event, InquiryComplete) and self.address + 1 in event.found:
+                self.out.append(Page(self.address + 1, radio=1))
+
+    class Surprised(OfTwo):
+        def link(self, event: LinkEvent, now: Time) -> None:
+            if isinstance(event, RoleChanged) and event.radio == 1:
+                raise KeyError(event.peer)
+            super().link(event, now)
+
+    check_machine(OfTwo, duration=2 * S, radios=2)
+    with pytest.raises(LawError, match=r"outbox\(\): Inquire\(.*radio=1\): the robot has no radio 1"):
+        check_machine(OfTwo, duration=2 * S)
+    with pytest.raises(LawError, match=r"taken or refused.*RoleChanged\(.*radio=1\).*KeyError"):
+        check_machine(Surprised, duration=2 * S, radios=2)
+    check_machine(Beacon, duration=2 * S, radios=2)
 
 
 def test_every_kind_of_link_event_is_among_the_inputs():

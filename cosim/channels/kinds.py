@@ -16,6 +16,7 @@ from cosim.channels.base import Channel
 from cosim.geometry.segments import PackedWalls, SegmentGrid
 from cosim.installed import find_installed, installed_names
 from cosim.kernel import Kernel
+from cosim.protocol import PayloadBytes
 from cosim.randomness import Streams
 from cosim.settings import Settings, error_at
 from cosim.trace import Trace
@@ -65,6 +66,12 @@ class ChannelSpec:
     """(settings, site) -> the channel of one run. Raise UserError for settings that do not fit the site."""
     strength: Callable[[Any], Strength | None] = lambda settings: None
     """(settings) -> the setting of a team that these make use of; None if they make use of neither."""
+    links: Callable[[Any], int | None] = lambda settings: None
+    """(settings) -> the most links of which a radio can be the master at once; None for any number."""
+    payload_bytes: Callable[[Any], PayloadBytes] = lambda settings: PayloadBytes()
+    """(settings) -> the longest payloads that are carried."""
+    shares: Callable[[Any], bool] = lambda settings: True
+    """(settings) -> False if links have times of their own, and ``Share`` divides no radio's time among piconets."""
 
 
 def channel_kinds() -> list[str]:

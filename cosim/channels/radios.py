@@ -3,14 +3,17 @@
 Not every robot has all of them. A radio that a robot does not have is a device that is always switched off: it neither
 sends nor hears, and no robot has it in reach.
 
-Link commands, and the links that they make, are those of radio 0; from the others a host gets payloads, and the fates
-of its own. Radio 0 behaves as if it were the only one: it draws from the same streams, and the others from streams of
-their own. A robot's radios do not disturb each other, and work at the same time.
+Each radio has links of its own: it carries out the link commands that name it, and link events name the radio that they
+come from. A host learns by another radio than the first only of links that were made by it: what has none, such as the
+ideal channel, reports every device that is switched off as lost, which radio 0 does for all. Radio 0 behaves as if it
+were the only one: it draws from the same streams, and the others from streams of their own. A robot's radios do not
+disturb each other, and work at the same time.
 """
 
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -28,7 +31,7 @@ from cosim.channels.kinds import (
 from cosim.errors import LocalProtocolError
 from cosim.intervals import Interval
 from cosim.kernel import Kernel
-from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Outcome, Outgoing, Reception
+from cosim.machine import Address, Connected, LinkCommand, LinkEvent, Lost, Outcome, Outgoing, Reception
 from cosim.payloads import HeldRow
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
@@ -141,18 +144,23 @@ class _End:
         self._radio = radio
         self._carriers = carriers
         """Robots that have that radio."""
+        self._linked: set[Address] = set()
+        """Robots to which a link has been made by it, and has not been lost."""
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
         """Take a payload; return False if there is nothing to act on."""
         return self._endpoint.receive(data, _new(Reception, (*reception[:3], self._radio)), now)
 
     def link(self, event: LinkEvent, now: Time) -> bool | None:
-        """Take a link event that concerns the host: links are those of radio 0, with robots that have it."""
-        of_payload = isinstance(event, Fate)
-        of_stranger = isinstance(event, Lost) and event.peer not in self._carriers
-        if of_payload or (self._radio == 0 and not of_stranger):
-            return self._endpoint.link(event, now)
-        return False
+        """Take a link event that concerns the host; return False if there is nothing to act on."""
+        if isinstance(event, Connected):
+            self._linked.add(event.peer)
+        elif isinstance(event, Lost):
+            known = self._carriers if self._radio == 0 else self._linked
+            if event.peer not in known:
+                return False
+            self._linked.discard(event.peer)
+        return self._endpoint.link(replace(event, radio=self._radio) if self._radio else event, now)
 
     def drain(self, now: Time) -> None:
         """Act on what came in at this instant."""
@@ -207,8 +215,10 @@ class RadiosChannel(Channel):
         self._parts[radio].send(source, outgoing)
 
     def command(self, source: Address, command: LinkCommand) -> None:
-        """Have radio 0 carry out a link command; nothing happens if the robot does not have it."""
-        self._parts[0].command(source, command)
+        """Have a radio carry out a command that names it; raise LocalProtocolError if the robot has no such radio."""
+        if command.radio not in self._carried[source]:
+            raise LocalProtocolError(f"robot {source} has no radio {command.radio}")
+        self._parts[command.radio].command(source, command)
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return the robots that would hear *address* now by any of its radios, in order."""

@@ -21,6 +21,7 @@ from cosim.trace import (
     WAKES,
     Table,
     Trace,
+    link_told,
 )
 from cosim.units import Time
 
@@ -141,18 +142,18 @@ class Recording:
 
     def links(self) -> list[tuple[Time, Time, int, int]]:
         """Return the links between robots: begin, end (the run's, if it was never lost), master, slave."""
-        opened: dict[tuple[int, int], Time] = {}
+        opened: dict[tuple[int, int, int], Time] = {}
         found = []
         for row in self.rows("links"):
-            robot, peer, role = row["source"], row["peer"], row["detail"].partition(" ")[0]
+            robot, peer, (role, radio) = row["source"], row["peer"], link_told(row["detail"])
             if row["event"] == "Connected" and role in ("master", "slave"):
                 pair = (robot, peer) if role == "master" else (peer, robot)
-                opened.setdefault(pair, row["time_ns"])
+                opened.setdefault((*pair, radio), row["time_ns"])
             elif row["event"] == "Lost":
                 for pair in ((robot, peer), (peer, robot)):
-                    if pair in opened:
-                        found.append((opened.pop(pair), row["time_ns"], *pair))
-        return sorted(found + [(begin, self.end + 1, *pair) for pair, begin in opened.items()])
+                    if (*pair, radio) in opened:
+                        found.append((opened.pop((*pair, radio)), row["time_ns"], *pair))
+        return sorted(found + [(begin, self.end + 1, *link[:2]) for link, begin in opened.items()])
 
     def jammers(self) -> list[Jammer]:
         """Return the times at which the scenario's jammers are on the air, in their order."""

@@ -111,8 +111,8 @@ class Faults:
         self._down: set[Address] = set()
         """Robots that have crashed and will boot again, or would if the run were longer."""
         self._boots = [0] * len(self._nodes)
-        self._to_scan: set[Address] = set()
-        """Robots that have booted, but have not had their radios on since."""
+        self._to_scan: set[tuple[Address, int]] = set()
+        """Robots that have booted, with those of their radios that have not been on since."""
         self._batteries: dict[Address, Battery] = {}
         self._dead: set[Address] = set()
         self._coasting: dict[Address, Time] = {}
@@ -217,8 +217,9 @@ class Faults:
             return
         self._down.remove(robot)
         self._boots[robot] += 1
-        self._to_scan.add(robot)
-        self._radios_on(robot, self._channel.carried(robot))
+        carried = self._channel.carried(robot)
+        self._to_scan.update((robot, radio) for radio in carried)
+        self._radios_on(robot, carried)
         node, now = self._nodes[robot], self._kernel.now
         node.reboot(self._boot(robot, self._boots[robot], now + node.clock_offset), now)
 
@@ -273,9 +274,10 @@ class Faults:
         on = [radio for radio in radios if not self._is_off(robot, radio)]
         for radio in on:
             self._channel.parts[radio].power(robot, True)
-        if on and on[0] == 0 and robot in self._to_scan:
-            self._to_scan.remove(robot)
-            self._channel.command(robot, Scan(True))
+        for radio in on:
+            if (robot, radio) in self._to_scan:
+                self._to_scan.remove((robot, radio))
+                self._channel.command(robot, Scan(True, radio))
 
     def _camera(self, robot: Address, off: bool) -> None:
         self._note(robot, CameraOff() if off else CameraOn())

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.intervals import Interval
 from cosim.machine import Role
-from cosim.trace import StoredTable, TableFile
+from cosim.trace import StoredTable, TableFile, link_told
 from cosim.units import Time, to_seconds
 from cosim.web.rows import Row
 from cosim.web.spans import FiledSpans, Spans
@@ -112,17 +112,18 @@ class Links:
     """The links of robots by the news that their hosts have of them."""
 
     def __init__(self) -> None:
-        self._open: dict[tuple[int, int], Interval] = {}
+        self._open: dict[tuple[int, int, int], Interval] = {}
+        """By robot, the robot at the other end, and radio."""
 
     def take(self, news: News) -> Interval | None:
         """Take the next news; return the link that has ended by it, if one has."""
-        end = news.robot, news.peer
+        role, radio = link_told(news.detail)
+        end = news.robot, news.peer, radio
         if news.event != "Lost" and news.event not in _CONNECTED:
             return None
         ended = self._open.pop(end, None)
-        if news.event in _CONNECTED and news.detail in LINKED:
-            detail = f"{LINKED[news.detail]}={news.peer}"
-            self._open[end] = Interval(news.time, news.robot, news.time, 0, news.detail, detail)
+        if news.event in _CONNECTED and role in LINKED:
+            self._open[end] = Interval(news.time, news.robot, news.time, radio, role, f"{LINKED[role]}={news.peer}")
         return None if ended is None else ended._replace(end=news.time)
 
     def under_way(self) -> list[Interval]:

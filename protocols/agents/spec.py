@@ -3,14 +3,14 @@
 from typing import Any
 
 from cosim.arrays import Floats
-from cosim.errors import UserError, WireError
+from cosim.errors import WireError
 from cosim.machine import Address
 from cosim.protocol import ProtocolSpec, Referee, Surroundings, anywhere
 from cosim.units import Time
 from protocols.agents.machine import TOPIC, AgentMachine, Parameters
 from protocols.transport.decoding import TransportFrame, decode_all
 from protocols.transport.frames import Part, Publication
-from protocols.transport.links import MOST_ROBOTS
+from protocols.transport.links import check_piconet
 from protocols.wire import BadBytes
 
 
@@ -28,10 +28,9 @@ class Bystander(Referee):
 
 def prepare(parameters: Parameters, surroundings: Surroundings) -> int:
     """Return the team's size, all that robots know beforehand; raise UserError for more than a piconet can have."""
-    size = len(surroundings.starts_m)
-    if parameters.transport.links is not None and size > MOST_ROBOTS:
-        raise UserError(f"protocol.parameters.transport.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
-    return size
+    if parameters.transport.links is not None:
+        check_piconet(surroundings, "protocol.parameters.transport.links")
+    return len(surroundings.starts_m)
 
 
 def make(parameters: Parameters, size: int, me: Address, stream: Any, start: Time) -> AgentMachine:

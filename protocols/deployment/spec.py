@@ -24,7 +24,7 @@ from protocols.mapping import frames
 from protocols.motion.floor import Floor
 from protocols.transport.decoding import TransportFrame, decode_all
 from protocols.transport.frames import Part, Publication
-from protocols.transport.links import MOST_ROBOTS
+from protocols.transport.links import check_piconet
 
 TEAM_LIMIT: Final = 64  # frames hold addresses in a byte, and the page has been tried with no more
 """Greatest number of robots."""
@@ -81,9 +81,8 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
 
 def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     """Return the setup of a run; raise UserError for parameters that do not fit the team."""
-    size = len(surroundings.starts_m)
-    if parameters.courier.links is not None and size > MOST_ROBOTS:
-        raise UserError(f"protocol.parameters.courier.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
+    if parameters.courier.links is not None:
+        check_piconet(surroundings, "protocol.parameters.courier.links")
     positioning.check_positioning(parameters.positioning, surroundings)
     return setup_of(parameters, surroundings)
 

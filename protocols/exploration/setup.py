@@ -20,7 +20,7 @@ from protocols.exploration.targets import Targets
 from protocols.exploration.terrain import Terrain
 from protocols.mapping.belief import Belief, Frame, frame_of
 from protocols.mapping.frames import MOST_CELLS
-from protocols.transport.links import MOST_ROBOTS
+from protocols.transport.links import check_piconet
 
 
 class WorldModel:
@@ -76,8 +76,8 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     if frame.nx * frame.ny > MOST_CELLS:
         raise UserError(f"protocol.parameters.cell_m: {frame.nx} x {frame.ny} cells, at most {MOST_CELLS} in all")
     size, range_m = len(surroundings.starts_m), surroundings.scan_range_m
-    if parameters.sharing.links is not None and size > MOST_ROBOTS:
-        raise UserError(f"protocol.parameters.sharing.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
+    if parameters.sharing.links is not None:
+        check_piconet(surroundings, "protocol.parameters.sharing.links")
     radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
     places_m = dict(enumerate(surroundings.starts_m))
     return Setup(

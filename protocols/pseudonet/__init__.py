@@ -5,7 +5,7 @@ Each layer of the paper is a file, from the top down:
 - ``application``: the four phases of a step, as a state table; begin here;
 - ``coordination``: what a robot wants to do, and how conflicts are settled, with one of ``algorithms``;
   ``reconciliation`` makes the maps of a new team equal before it plans;
-- ``messaging``: forms the messages, which ``messages`` (up to eight robots) or ``wide`` (more) put into bytes;
+- ``messaging``: forms the messages, which ``messages`` (one piconet) or ``wide`` (several) put into bytes;
 - ``broadcast``: brings every message to all robots of a piconet; ``relay``, with ``census``, to those of a scatternet;
   both report by ``upcalls``;
 - ``bluetooth``: inquiry and paging until the piconet is formed, ``scatternet`` for several, by a ``topology``.

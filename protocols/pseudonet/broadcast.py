@@ -21,7 +21,18 @@ from collections.abc import Callable
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Disconnect, Fate, LinkCommand, Outcome, Outgoing, Reception
 from cosim.units import Time
-from protocols.pseudonet.messages import Acknowledgement, Kind, Message, Missing, Packet, Sync, decode, encode
+from protocols.pseudonet.messages import (
+    NARROW,
+    Acknowledgement,
+    Form,
+    Kind,
+    Message,
+    Missing,
+    Packet,
+    Sync,
+    decode,
+    encode,
+)
 from protocols.pseudonet.upcalls import (
     EXCHANGES,
     Answered,
@@ -100,8 +111,9 @@ class Broadcast:
         poll_retries: int,
         acknowledge: bool,
         upcall: Callable[[Upcall, Time], None],
+        form: Form = NARROW,
     ) -> None:
-        """Take the poll time-out and the repair time as *times*."""
+        """Take the poll time-out and the repair time as *times*; packets are of this *form*."""
         self.me = me
         self.master: Address | None = None
         self.members: tuple[Address, ...] = (me,)
@@ -114,6 +126,7 @@ class Broadcast:
         self._asked = False
         self._acknowledge = acknowledge
         self._upcall = upcall
+        self._form = form
         self._heard: dict[Address, Message] = {}
         self._before: dict[Address, Message] = {}
         self._early: dict[Address, Message] = {}
@@ -200,8 +213,8 @@ class Broadcast:
         self._heard[self.me] = message
         self.polls.pending = [member for member in self.members if member != self.me]
         if self.polls.pending:
-            self._send_to_all(encode(message))
-            self._poll = encode(self._sync())
+            self._send_to_all(self._encode(message))
+            self._poll = self._encode(self._sync())
         self._poll_next(now)
 
     def _announce(self, members: tuple[Address, ...], now: Time) -> None:
@@ -211,7 +224,7 @@ class Broadcast:
         self._roll_call = True
         self.polls.stop()
         if len(members) > 1:
-            self._send_to_all(encode(self._sync()))
+            self._send_to_all(self._encode(self._sync()))
         self._upcall(TeamChanged(members), now)
 
     def _sync(self) -> Sync:
@@ -234,7 +247,7 @@ class Broadcast:
         message = self._heard.get(slave)
         if message is not None:
             self.polls.pending.pop(0)
-            self._send_to_all(encode(message))
+            self._send_to_all(self._encode(message))
             self._poll_next(now)
         elif not self.polls.again(self._poll, now):
             self._drop(slave, now)
@@ -247,7 +260,7 @@ class Broadcast:
     def _refuse(self, reason: str, reception: Reception, now: Time) -> None:
         self._upcall(Garbage(reason), now)
         if self._acknowledge and self.leads() and reception.source in self.members:
-            negative = encode(Acknowledgement(self.me, self.exchange, negative=True))
+            negative = self._encode(Acknowledgement(self.me, self.exchange, negative=True))
             self.out.append(Outgoing(reception.source, negative))
 
     def _receive_as_master(self, packet: Packet, data: bytes, reception: Reception, now: Time) -> None:
@@ -267,14 +280,14 @@ class Broadcast:
         elif ahead == 1:  # a slave loads its next message once it has heard all others
             self._early.setdefault(packet.source, packet)
         if self._acknowledge and packet.kind in (Kind.HELP, Kind.TRAP):
-            self.out.append(Outgoing(packet.source, encode(Acknowledgement(self.me, packet.exchange))))
+            self.out.append(Outgoing(packet.source, self._encode(Acknowledgement(self.me, packet.exchange))))
 
     def _send_again(self, missing: Missing) -> None:
         behind = ahead_of(missing.exchange, self.exchange)
         known = self._before if behind == 1 else {} if behind else self._heard
         for robot in missing.robots:
             if robot in known and robot != missing.source:
-                self.out.append(Outgoing(missing.source, encode(known[robot])))
+                self.out.append(Outgoing(missing.source, self._encode(known[robot])))
 
     def _forward(self, message: Message, data: bytes, now: Time) -> None:
         if message.addressee == self.me:
@@ -286,7 +299,7 @@ class Broadcast:
 
     def _submit(self, message: Message, now: Time) -> None:
         self._submitted = True
-        self._last = encode(message)
+        self._last = self._encode(message)
         self._heard[self.me] = message
         self._send_to_master(self._last)
         self._complete(now)
@@ -297,7 +310,7 @@ class Broadcast:
 
     def answer(self, message: Message) -> None:
         """Send an answer to one robot alone, by way of the master."""
-        data = encode(message)
+        data = self._encode(message)
         if self.leads():
             self.out.append(Outgoing(self.me if message.addressee is None else message.addressee, data))
         else:
@@ -314,7 +327,7 @@ class Broadcast:
         self._asked = True
         self._repair_at = now + self._repair if missing else None
         if missing:
-            self._send_to_master(encode(Missing(self.me, self.exchange, missing)))
+            self._send_to_master(self._encode(Missing(self.me, self.exchange, missing)))
 
     def _receive_as_slave(self, packet: Packet, reception: Reception, now: Time) -> bool:
         if self.master is None and isinstance(packet, Sync) and packet.roll_call:
@@ -383,7 +396,7 @@ class Broadcast:
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
         """Process received bytes; return False if nothing has come of them but a later deadline."""
         try:
-            packet = decode(data)
+            packet = decode(data, self._form)
         except WireError as error:
             self._refuse(str(error), reception, now)
             return True
@@ -394,10 +407,13 @@ class Broadcast:
             return True
         return self._receive_as_slave(packet, reception, now)
 
+    def _encode(self, packet: Packet) -> bytes:
+        return encode(packet, self._form)
+
     def overhear(self, data: bytes, now: Time) -> None:
         """Process bytes of a robot without a link to this one: they matter only if they are no packet."""
         try:
-            decode(data)
+            decode(data, self._form)
         except WireError as error:
             self._upcall(Garbage(str(error)), now)
 

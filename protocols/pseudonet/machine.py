@@ -24,6 +24,7 @@ from protocols.pseudonet.application import Application
 from protocols.pseudonet.bluetooth import Bluetooth
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.coordination import Coordination
+from protocols.pseudonet.messages import form_of
 from protocols.pseudonet.parameters import TeamParameters
 from protocols.pseudonet.relay import Relay
 from protocols.pseudonet.scatternet import Scatternet
@@ -55,13 +56,14 @@ class Pseudonet:
         self.scatternet: Scatternet | None = None
         self.bluetooth: Bluetooth
         layer: Broadcast | Relay
-        if setup.size <= parameters.piconet_size:
-            waits = (times.poll_timeout, times.repair)
-            layer = Broadcast(me, waits, parameters.poll_retries, parameters.acknowledge, self._take_upcall)
+        if setup.size <= setup.piconet_size:
+            waits, form = (times.poll_timeout, times.repair), form_of(setup.size)
+            layer = Broadcast(me, waits, parameters.poll_retries, parameters.acknowledge, self._take_upcall, form)
             self.bluetooth = Bluetooth(me, setup.size, links, times, parameters, partial(_assemble, layer), self._taken)
         else:
             layer = Relay(me, (2 * times.repair, times.silence), links, self._take_upcall, self._instruct)
-            self.scatternet = Scatternet(me, setup.size, links, times, parameters, layer, self._taken)
+            team = setup.size, setup.piconet_size
+            self.scatternet = Scatternet(me, team, links, times, parameters, layer, self._taken)
             self.bluetooth = self.scatternet
         self.application = Application(parameters, setup, me, coordination, step_limit, start, layer, self._left_alone)
         self._silence = setup.timing.silence

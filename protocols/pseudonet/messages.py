@@ -19,13 +19,16 @@ team: it ends with a digest of what the robot knows to be covered. Where digests
 carry that knowledge piece by piece. A *negative acknowledgement* of a slave names the robots whose messages it has
 missed, as broadcasts are not acknowledged.
 
-These are the bytes of teams of up to eight robots; beyond, all packets take the wide form (module ``wide``).
+These are the bytes of teams of up to eight robots. A larger team that is one piconet all the same, as a radio with more
+links lets it be, has packets of the *broad* form: three bits set stand before a source of 5 bits, and a bit for each of
+32 robots where there were eight. One of several piconets takes the wide form (module ``wide``), in which no packet
+begins with three bits set.
 """
 
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache, lru_cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from cosim.errors import WireError
 from protocols import wire
@@ -92,7 +95,6 @@ class Reply(IntEnum):
 TRAIL_LIMIT: Final = 12
 """Length of the longest trail that a trap message carries, in steps."""
 
-_HEAD: Final[wire.Layout] = (("source", 3), ("type", 2), ("kind", 3), ("exchange", 8))
 BODY: Final[wire.Layout] = (
     ("x", 12),
     ("y", 12),
@@ -124,9 +126,58 @@ def message_layout(head: wire.Layout, kind: Kind, name_bits: int, marks: int = 0
 
 
 MESSAGE_KINDS: Final = tuple(kind for kind in Kind if kind != Kind.NONE)
-_MESSAGES: Final[dict[Kind, wire.Layout]] = {kind: message_layout(_HEAD, kind, 3) for kind in MESSAGE_KINDS}
-_SYNC: Final[wire.Layout] = (*_HEAD, ("members", 8), ("roll_call", 1), ("hop_address", 32), ("hop_clock", 28))
-_MISSING: Final[wire.Layout] = (*_HEAD, ("robots", 8))
+
+
+class Form(NamedTuple):
+    """The form of packets, which depends on how many robots a team may have."""
+
+    robots: int
+    """That number: 2 to the power of the bits of a robot's number."""
+    mark: int = 0
+    """Number of bits, all set, before everything else."""
+
+    @property
+    def name_bits(self) -> int:
+        """The bits of a robot's number."""
+        return (self.robots - 1).bit_length()
+
+
+NARROW: Final = Form(8)
+"""The paper's."""
+BROAD: Final = Form(32, 3)
+"""That of larger teams that are one piconet."""
+
+
+class _Layouts:
+    """The layouts of all packets of a form."""
+
+    def __init__(self, form: Form) -> None:
+        marked: wire.Layout = (("mark", form.mark),) if form.mark else ()
+        self.form = form
+        self.head: wire.Layout = (*marked, ("source", form.name_bits), ("type", 2), ("kind", 3), ("exchange", 8))
+        self.messages: dict[Kind, wire.Layout] = {
+            kind: message_layout(self.head, kind, form.name_bits) for kind in MESSAGE_KINDS
+        }
+        hop: wire.Layout = ("hop_address", 32), ("hop_clock", 28)
+        self.sync: wire.Layout = (*self.head, ("members", form.robots), ("roll_call", 1), *hop)
+        self.missing: wire.Layout = (*self.head, ("robots", form.robots))
+
+    def message(self, kind: Kind, marks: int) -> wire.Layout:
+        """Return the layout of a message of *kind* with *marks* bytes of map."""
+        return message_layout(self.head, kind, self.form.name_bits, marks) if kind == Kind.MAP else self.messages[kind]
+
+
+_LAYOUTS: Final = {form: _Layouts(form) for form in (NARROW, BROAD)}
+
+
+def form_of(size: int) -> Form:
+    """Return the form of the packets of a team of *size* that is one piconet."""
+    return NARROW if size <= NARROW.robots else BROAD
+
+
+def is_broad(data: bytes) -> bool:
+    """Return whether *data* begins as the broad form does, and a packet of the wide form does not."""
+    return bool(data) and data[0] >> (8 - BROAD.mark) == (1 << BROAD.mark) - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,13 +259,14 @@ Packet = Message | Sync | Acknowledgement | Missing
 
 
 @lru_cache(maxsize=256)  # a master sends on what it has decoded, and one poll to slave after slave
-def encode(packet: Packet) -> bytes:
-    """Return the bytes of *packet*; raise :exc:`WireError` for a value that its field cannot hold."""
-    head = {"source": packet.source, "exchange": packet.exchange, "kind": Kind.NONE}
+def encode(packet: Packet, form: Form = NARROW) -> bytes:
+    """Return the bytes of *packet* in *form*; raise :exc:`WireError` for a value that its field cannot hold."""
+    layouts, mark = _LAYOUTS[form], (1 << form.mark) - 1
+    head = {"mark": mark, "source": packet.source, "exchange": packet.exchange, "kind": Kind.NONE}
     match packet:
         case Message():
-            values = message_values(packet) | {"source": packet.source, "addressee": packet.addressee or 0}
-            return wire.pack(_layout(packet.kind, len(packet.marks)), values)
+            of_form = {"mark": mark, "source": packet.source, "addressee": packet.addressee or 0}
+            return wire.pack(layouts.message(packet.kind, len(packet.marks)), message_values(packet) | of_form)
         case Sync():
             head |= {
                 "type": PacketType.SYNCHRONISATION,
@@ -223,25 +275,28 @@ def encode(packet: Packet) -> bytes:
                 "hop_address": packet.hop_address,
                 "hop_clock": packet.hop_clock,
             }
-            return wire.pack(_SYNC, head)
+            return wire.pack(layouts.sync, head)
         case Missing():
             head |= {"type": PacketType.NEGATIVE_ACKNOWLEDGEMENT, "kind": Kind.STATE, "robots": mask(packet.robots)}
-            return wire.pack(_MISSING, head)
+            return wire.pack(layouts.missing, head)
         case Acknowledgement():
             negative = packet.negative
             head["type"] = PacketType.NEGATIVE_ACKNOWLEDGEMENT if negative else PacketType.ACKNOWLEDGEMENT
-            return wire.pack(_HEAD, head)
+            return wire.pack(layouts.head, head)
 
 
-@lru_cache(maxsize=256)  # a broadcast reaches seven robots with the same bytes
-def decode(data: bytes) -> Packet:
-    """Return the packet that *data* encodes; raise :exc:`WireError` for anything that :func:`encode` does not make."""
+@lru_cache(maxsize=256)  # a broadcast reaches all robots with the same bytes
+def decode(data: bytes, form: Form = NARROW) -> Packet:
+    """Return the packet that *data* encodes in *form*.
+
+    Raise :exc:`WireError` for anything that :func:`encode` does not make.
+    """
     wire.check(data)
     try:
-        packet = _decode(data)
+        packet = _decode(data, _LAYOUTS[form])
     except ValueError as error:  # a number that names no type, kind, action, verdict or reply
         raise WireError(str(error)) from None
-    if encode(packet) != data:
+    if encode(packet, form) != data:
         raise WireError("a packet that nobody encodes so")
     return packet
 
@@ -254,10 +309,6 @@ def mask(robots: tuple[int, ...]) -> int:
 def robots_of(word: int) -> tuple[int, ...]:
     """Return the robots whose bits are set in *word*, in increasing order."""
     return tuple(robot for robot in range(word.bit_length()) if word >> robot & 1)
-
-
-def _layout(kind: Kind, marks: int) -> wire.Layout:
-    return message_layout(_HEAD, kind, 3, marks) if kind == Kind.MAP else _MESSAGES[kind]
 
 
 def message_values(message: Message) -> dict[str, int]:
@@ -306,15 +357,17 @@ def marks_in(data: bytes, layout: wire.Layout) -> int:
     return len(data) - wire.size(layout)
 
 
-def _decode(data: bytes) -> Packet:
-    kind = Kind(data[0] & 7)
-    match PacketType(data[0] >> 3 & 3):
-        case PacketType.INFORMATION if kind in _MESSAGES:
-            marks = marks_in(data, _MESSAGES[kind]) if kind == Kind.MAP else 0
-            values = wire.unpack(_layout(kind, marks), data)
+def _decode(data: bytes, layouts: _Layouts) -> Packet:
+    bits = sum(bits for name, bits in layouts.head if name != "exchange")
+    begin = int.from_bytes(data[:2], "big") >> (16 - bits)
+    kind, number = Kind(begin & 7), begin >> 3 & 3
+    match PacketType(number):
+        case PacketType.INFORMATION if kind in layouts.messages:
+            marks = marks_in(data, layouts.messages[kind]) if kind == Kind.MAP else 0
+            values = wire.unpack(layouts.message(kind, marks), data)
             return message_of(values, values["source"], values.get("addressee"), marks)
         case PacketType.SYNCHRONISATION:
-            values = wire.unpack(_SYNC, data)
+            values = wire.unpack(layouts.sync, data)
             return Sync(
                 values["source"],
                 values["exchange"],
@@ -324,14 +377,14 @@ def _decode(data: bytes) -> Packet:
                 values["hop_clock"],
             )
         case PacketType.NEGATIVE_ACKNOWLEDGEMENT if kind == Kind.STATE:
-            values = wire.unpack(_MISSING, data)
+            values = wire.unpack(layouts.missing, data)
             return Missing(values["source"], values["exchange"], robots_of(values["robots"]))
         case PacketType.ACKNOWLEDGEMENT | PacketType.NEGATIVE_ACKNOWLEDGEMENT as packet_type:
-            values = wire.unpack(_HEAD, data)
+            values = wire.unpack(layouts.head, data)
             return Acknowledgement(
                 values["source"], values["exchange"], packet_type == PacketType.NEGATIVE_ACKNOWLEDGEMENT
             )
-    raise WireError(f"no packet has type {data[0] >> 3 & 3} with message kind {kind}")
+    raise WireError(f"no packet has type {number} with message kind {kind}")
 
 
 def message_of(values: dict[str, int], source: int, addressee: int | None, marks: int) -> Message:

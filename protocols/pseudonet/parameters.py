@@ -9,7 +9,9 @@ from cosim.errors import UserError
 from cosim.protocol import Surroundings
 from cosim.settings import LONGEST_S, Count, Length, Seconds, Settings
 from cosim.units import Time, from_seconds
-from protocols.pseudonet.topology import Topology
+from protocols.pseudonet.messages import BROAD
+from protocols.pseudonet.topology import MOST_DEVICES, MOST_MASTERS, Topology, piconets_needed
+from protocols.transport.links import most_links, most_robots
 
 
 class TeamParameters(Settings):
@@ -18,7 +20,13 @@ class TeamParameters(Settings):
     topology: Topology = Field(
         default="ring", description="shape of the scatternet of a team that does not fit into one piconet"
     )
-    piconet_size: int = Field(default=8, ge=3, le=8, description="devices in a piconet, the master included")
+    piconet_size: int | None = Field(
+        default=None,
+        ge=3,
+        le=BROAD.robots,
+        description="devices in a piconet, the master included; by default the master and all links that its radio can "
+        "hold, or 8 if that has no limit; 8 at most if there are several piconets",
+    )
     share_slots: Count = Field(
         default=32, ge=4, multiple_of=2, description="slots on end that a bridge spends in each of its piconets"
     )
@@ -132,3 +140,33 @@ def timing(parameters: TeamParameters, surroundings: Surroundings) -> Timing:
         stagger=from_seconds(parameters.stagger_s),
         silence=from_seconds(parameters.silence_s) + 2 * step,
     )
+
+
+def piconet_size(parameters: TeamParameters, surroundings: Surroundings) -> int:
+    """Return how many devices a piconet has at most, the master included.
+
+    Raise UserError for more than the master's radio has links for, and for a team that needs several piconets where
+    that cannot be: they are too large or too many, or radios do not divide their time among them.
+    """
+    setting, size = "protocol.parameters.piconet_size", len(surroundings.starts_m)
+    given, links = parameters.piconet_size, most_links(surroundings)
+    if given is not None and links is not None and given > links + 1:
+        raise UserError(f"{setting}: {given} is not <= {links + 1}, a master and the links that its radio holds")
+    largest = given or most_robots(surroundings)
+    if size <= largest:
+        return largest
+    if not all(surroundings.shares[:1]):
+        raise UserError(
+            f"{setting}: {size} robots need several piconets of {largest}, and radios of this channel do not divide "
+            f"their time among them (Share), as topology: {parameters.topology} asks for; expected one piconet of all "
+            f"{size} (of ble: channel.connection.links >= {size - 1}), or another channel"
+        )
+    if given is not None and given > MOST_DEVICES:
+        raise UserError(f"{setting}: {given} is not <= {MOST_DEVICES}, as a team of {size} needs several piconets")
+    several = min(largest, MOST_DEVICES)
+    count = piconets_needed(size, parameters.topology, several)
+    if count > MOST_MASTERS:
+        raise UserError(
+            f"{setting}: {several} makes {count} piconets of {size} robots, expected at most {MOST_MASTERS}"
+        )
+    return several

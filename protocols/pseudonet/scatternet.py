@@ -62,18 +62,19 @@ class Scatternet(Bluetooth):
     def __init__(
         self,
         me: Address,
-        size: int,
+        team: tuple[int, int],
         links: dict[Address, Role],
         times: Timing,
         parameters: TeamParameters,
         relay: Relay,
         taken: Callable[[Time], None],
     ) -> None:
+        """*team* is its size, and the most devices of each of its piconets."""
+        size, self._most = team
         super().__init__(me, size, links, times, parameters, self._report, taken)
         self._patience = times.stagger + times.stagger // 4  # the root gives up after the stagger, and announces it
         self._relay = relay
         self._topology = parameters.topology
-        self._most = parameters.piconet_size
         self._slots = parameters.share_slots
         self._offsets: dict[Address, int] = {}
         self._jobs: list[Job] = []

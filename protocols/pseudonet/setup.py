@@ -17,6 +17,7 @@ from cosim.geometry.grids import Cell, CoverageGrid, distances
 from cosim.machine import Address
 from protocols.pseudonet.messages import Action
 from protocols.pseudonet.parameters import Timing
+from protocols.transport.links import MOST_ROBOTS
 
 Distances: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 CACHED = 64
@@ -25,12 +26,14 @@ T = TypeVar("T")
 
 
 class Setup:
-    """The grid and the team's size; distances to a cell are computed once for all machines."""
+    """The grid, the team's size and that of its piconets; distances to a cell are computed once for all machines."""
 
-    def __init__(self, grid: CoverageGrid, size: int, timing: Timing) -> None:
+    def __init__(self, grid: CoverageGrid, size: int, timing: Timing, piconet_size: int = MOST_ROBOTS) -> None:
         self.grid = grid
         self.size = size
         self.timing = timing
+        self.piconet_size = piconet_size
+        """The most devices of a piconet, the master included."""
         self.steps: list[tuple[Cell, ...]] = [tuple(row) for row in grid.steps.tolist()]
         self.cells: frozenset[Cell] = frozenset(np.flatnonzero(grid.reachable).tolist())
         self._around: tuple[frozenset[Cell], CoverageGrid] = (frozenset(), grid)

@@ -20,12 +20,12 @@ from protocols.pseudonet.coverage import CoverageReferee
 from protocols.pseudonet.events import EVENTS
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import MESSAGE_KINDS, Packet
-from protocols.pseudonet.parameters import Parameters, TeamParameters, timing
+from protocols.pseudonet.parameters import Parameters, TeamParameters, piconet_size, timing
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
 from protocols.pseudonet.setup import Setup
-from protocols.pseudonet.topology import MOST_MASTERS, piconets_needed
 from protocols.pseudonet.wide import ROBOTS
+from protocols.transport.links import MOST_ROBOTS
 
 TEAM_LIMIT = ROBOTS
 """Size of a team whose robots have numbers of 5 bits in the wide form of packets."""
@@ -101,7 +101,10 @@ def place(
 
 
 def prepare(parameters: TeamParameters, surroundings: Surroundings) -> Setup:
-    """Lay the grid over the floor; raise UserError if a robot stands in no free cell, or two in one."""
+    """Lay the grid over the floor.
+
+    Raise UserError if a robot stands in no free cell, or two in one, or for piconets that cannot be.
+    """
     grid = _grid(parameters, surroundings, surroundings.starts_m)
     taken: dict[int, int] = {}
     for robot, (x_m, y_m) in enumerate(surroundings.starts_m):
@@ -111,14 +114,8 @@ def prepare(parameters: TeamParameters, surroundings: Surroundings) -> Setup:
         if cell in taken:
             raise UserError(f"team.starts[{robot}]: ({x_m}, {y_m}) is in the same cell as team.starts[{taken[cell]}]")
         taken[cell] = robot
-    size = len(surroundings.starts_m)
-    count = piconets_needed(size, parameters.topology, parameters.piconet_size)
-    if count > MOST_MASTERS:
-        raise UserError(
-            f"protocol.parameters.piconet_size: {parameters.piconet_size} makes {count} piconets of {size} robots, "
-            f"expected at most {MOST_MASTERS}"
-        )
-    return Setup(grid, size, timing(parameters, surroundings))
+    together = piconet_size(parameters, surroundings)
+    return Setup(grid, len(surroundings.starts_m), timing(parameters, surroundings), together)
 
 
 def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Pseudonet:
@@ -178,7 +175,9 @@ def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) ->
 
 def decode(parameters: TeamParameters, size: int, data: bytes) -> Packet | dict[str, object]:
     """Return the packet that *data* is in a team of *size*; raise WireError if it is none."""
-    return messages.decode(data) if size <= parameters.piconet_size else wide.decode_anonymous(data)
+    if size > messages.NARROW.robots and messages.is_broad(data):
+        return messages.decode(data, messages.BROAD)
+    return messages.decode(data) if size <= (parameters.piconet_size or MOST_ROBOTS) else wide.decode_anonymous(data)
 
 
 SPEC = ProtocolSpec(

@@ -25,6 +25,9 @@ Topology: TypeAlias = Literal["ring", "tree", "bridged"]
 MOST_MASTERS: Final = 8
 """Largest number of piconets: the other masters are the coordinator's slaves while it informs them, seven at most."""
 
+MOST_DEVICES: Final = 8
+"""Largest size of one of several piconets: a robot has its place in it in three bits of its name."""
+
 
 @dataclass(frozen=True, slots=True)
 class Piconet:

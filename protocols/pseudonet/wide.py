@@ -1,4 +1,4 @@
-"""Packets of teams beyond eight robots: the source grows from 3 bits to piconet number + 3 bits.
+"""Packets of teams in several piconets: the source grows from 3 bits to piconet number + 3 bits.
 
 The first byte is the source's name: the number of its piconet (5 bits) and its place there (3 bits, 0 for the master).
 Type, kind and exchange follow, then the fields of the narrow form; addressees are names too. The roll call, one

@@ -80,7 +80,8 @@ class Reflection(Drains):
         self._start = start
         self._size = setup.size
         times = from_seconds(parameters.inquiry_s), from_seconds(parameters.page_s)
-        self._meeting = Meeting(me, bool(task.goals_m), *times, self._outbox) if parameters.links else None
+        meets = me, bool(task.goals_m), *times, self._outbox, setup.piconet
+        self._meeting = Meeting(*meets) if parameters.links else None
         self._going: Point | None = None
         self._objects_m = task.objects_m if parameters.goals == "object" else None
         """Where the goals of each robot are; None if goals are places."""

@@ -11,6 +11,7 @@ from cosim.geometry.boundary import Boundary
 from cosim.randomness import Draws
 from cosim.units import Time
 from protocols.reflection.parameters import Parameters
+from protocols.transport.links import MOST_ROBOTS
 
 Point: TypeAlias = tuple[float, float]
 Pose: TypeAlias = tuple[float, float, float]
@@ -46,6 +47,8 @@ class Setup(NamedTuple):
     tasks: tuple[Task, ...]
     targets_m: tuple[tuple[Point, ...], ...]
     """The truth for the referee: the targets of each explorer, in the world's frame."""
+    piconet: int = MOST_ROBOTS
+    """The most robots of a piconet."""
 
 
 def into_frame(place_m: Point, frame: Pose) -> Point:

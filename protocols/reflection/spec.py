@@ -19,6 +19,7 @@ from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.seeking import Target
 from protocols.reflection.setup import Point, Pose, Setup, Task, into_frame, targets
+from protocols.transport.links import most_robots
 
 TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
@@ -135,7 +136,8 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
         by_loops = parameters.algorithm == "visbug" and robot < len(own)
         loops = _loops(surroundings, robot, frame, steps_m[robot]) if by_loops else None
         tasks.append(Task(own[robot] if robot < len(own) else (), patrol, objects, loops))
-    return Setup(size, surroundings.tick, steps_m, surroundings.radius_m, tuple(tasks), wanted)
+    most = most_robots(surroundings)
+    return Setup(size, surroundings.tick, steps_m, surroundings.radius_m, tuple(tasks), wanted, most)
 
 
 def _loops(surroundings: Surroundings, robot: Address, frame: Pose, step_m: float) -> Boundary:

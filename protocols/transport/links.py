@@ -17,6 +17,7 @@ paper (004) has a network that needs no links.
 from collections.abc import Collection, Iterable
 from typing import Final
 
+from cosim.errors import UserError
 from cosim.machine import (
     BROADCAST,
     Address,
@@ -31,18 +32,40 @@ from cosim.machine import (
     Role,
     Scan,
 )
+from cosim.protocol import Surroundings
 from cosim.units import Time, from_seconds
 from protocols.transport.parameters import LinkParameters
 
 MOST_ROBOTS: Final = 8
-"""A master and seven active slaves."""
+"""Robots of a piconet whose radio has no limit: a master and seven active slaves, as over Bluetooth."""
+
+
+def most_links(surroundings: Surroundings, radio: int = 0) -> int | None:
+    """Return how many links *radio* can hold as a master; None if there is no limit, or nothing is known of it."""
+    return surroundings.links[radio] if radio < len(surroundings.links) else None
+
+
+def most_robots(surroundings: Surroundings, radio: int = 0) -> int:
+    """Return how many robots a piconet of *radio* has at most: one for each link that it can hold, and the master.
+
+    Where the radio has no limit that is ``MOST_ROBOTS``, so that a team has the links over it that it has by Bluetooth.
+    """
+    links = most_links(surroundings, radio)
+    return MOST_ROBOTS if links is None else links + 1
+
+
+def check_piconet(surroundings: Surroundings, setting: str) -> None:
+    """Raise UserError, naming *setting*, if the team has more robots than a piconet of radio 0."""
+    size, most = len(surroundings.starts_m), most_robots(surroundings)
+    if size > most:
+        raise UserError(f"{setting}: {size} robots, a piconet has at most {most}")
 
 
 class Links:
     """One robot's part in the piconet; *now* never decreases."""
 
     def __init__(self, me: Address, size: int, parameters: LinkParameters, start: Time) -> None:
-        """Be in a team of *size*, up to ``MOST_ROBOTS``."""
+        """Be in a team of *size*, as many as a piconet of the radio has at most."""
         self.me = me
         self.leading = me == parameters.first
         """True if it is a master, with or without slaves."""

@@ -10,7 +10,6 @@ paged in vain and pages them again. Here nothing is remembered: robots out of si
 """
 
 from collections.abc import Collection
-from typing import Final
 
 from cosim.machine import (
     Address,
@@ -30,18 +29,23 @@ from cosim.machine import (
 from cosim.units import Time
 from protocols.transport.links import MOST_ROBOTS
 
-MOST_SLAVES: Final = MOST_ROBOTS - 1
-
 
 class Meeting:
     """One robot's links."""
 
     def __init__(
-        self, me: Address, looks: bool, inquiry: Time, patience: Time, out: list[Outgoing | LinkCommand]
+        self,
+        me: Address,
+        looks: bool,
+        inquiry: Time,
+        patience: Time,
+        out: list[Outgoing | LinkCommand],
+        most: int = MOST_ROBOTS,
     ) -> None:
         """Be a robot that *looks* for others, or is found by them; *out* takes the link commands.
 
-        An inquiry lasts for *inquiry* at most; the device's answer is waited for *patience* longer.
+        An inquiry lasts for *inquiry* at most; the device's answer is waited for *patience* longer. A piconet has at
+        *most* so many robots.
         """
         self.me = me
         self._looks = looks
@@ -49,6 +53,7 @@ class Meeting:
         self.slave = False
         self._inquiry = inquiry
         self._patience = patience
+        self._most_slaves = most - 1
         self._out = out
         self._busy_until: Time | None = None
         """Until when the answer of the device, which inquires or pages, is waited for; None if it does neither."""
@@ -60,7 +65,7 @@ class Meeting:
             if now < self._busy_until:
                 return
             self._free()
-        if not self._looks or self.slave or len(self.linked) >= MOST_SLAVES:
+        if not self._looks or self.slave or len(self.linked) >= self._most_slaves:
             return
         missing = [peer for peer in in_sight if peer > self.me and peer not in self.linked]
         if missing:
@@ -100,7 +105,7 @@ class Meeting:
 
     def _page(self, now: Time) -> None:
         """Page the next robot that was found, if there is one."""
-        while self._found and len(self.linked) < MOST_SLAVES:
+        while self._found and len(self.linked) < self._most_slaves:
             peer = self._found.pop(0)
             if peer not in self.linked and peer != self.me:
                 self._busy_until = now + self._patience

@@ -1,6 +1,7 @@
 """Several radios a robot: who hears whom by which, what robots do not have, faults of one radio, and settings."""
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +21,27 @@ from cosim.machine import (
     BROADCAST,
     Address,
     Connected,
+    Disconnect,
     Discovered,
     Fate,
+    Flush,
+    Hold,
     Inquire,
     InquiryComplete,
+    LinkCommand,
     LinkEvent,
     Lost,
+    Mode,
+    ModeChanged,
     Outcome,
     Outgoing,
     Page,
+    PageFailed,
     Reception,
+    Role,
+    RoleChanged,
+    Scan,
+    SwitchRole,
 )
 from cosim.node import Node
 from cosim.randomness import Streams
@@ -101,7 +113,10 @@ def test_each_radio_reaches_those_who_have_it_and_are_in_its_range() -> None:
     assert sorted(field.hosts[1].heard) == [(0, 0, b"near"), (1, 0, b"far")]
     assert field.hosts[2].heard == [(1, 0, b"far")]
     assert field.hosts[3].heard == [], "90 m away, but without radio 1"
-    assert sorted(field.hosts[0].events, key=repr) == [Fate(1, Outcome.SENT), Fate(2, Outcome.SENT)]
+    assert sorted(field.hosts[0].events, key=repr) == [
+        Fate(1, Outcome.SENT),
+        Fate(2, Outcome.SENT, 1),
+    ]
     assert {radio: {row[3] for row in field.frames(radio)} for radio in BOTH} == {
         0: {(192 + 8 * 40) * 1000},
         1: {(192 + 8 * 39) * 1000},
@@ -177,10 +192,10 @@ def test_a_payload_by_a_radio_that_the_robot_does_not_have_is_our_own_misuse(rad
 class Talker:
     finished = False
 
-    def __init__(self, radio: int) -> None:
-        self.out = [Outgoing(BROADCAST, b"", None, radio)]
+    def __init__(self, *out: Outgoing | LinkCommand) -> None:
+        self.out = [*out]
 
-    def outbox(self) -> list[Outgoing]:
+    def outbox(self) -> list[Outgoing | LinkCommand]:
         self.out, drained = [], self.out
         return drained
 
@@ -196,9 +211,9 @@ class Talker:
 def test_a_plain_channel_has_radio_0_only() -> None:
     kernel, trace = Kernel(), Trace()
     channel = IdealChannel(IdealSettings(), kernel, trace, 2)
-    Node(0, Talker(0), kernel, channel, trace).drain(0)  # type: ignore[arg-type]
+    Node(0, Talker(Outgoing(BROADCAST, b"")), kernel, channel, trace).drain(0)  # type: ignore[arg-type]
     with pytest.raises(LocalProtocolError, match=r"robot 1 at .*: the robot has no radio 1"):
-        Node(1, Talker(1), kernel, channel, trace).drain(0)  # type: ignore[arg-type]
+        Node(1, Talker(Outgoing(BROADCAST, b"", None, 1)), kernel, channel, trace).drain(0)  # type: ignore[arg-type]
     assert channel.parts == (channel,)
     assert channel.sent == 1
 
@@ -220,18 +235,68 @@ def test_a_radio_that_a_robot_does_not_have_is_never_switched_on(kind: str) -> N
     assert field.parts[1].in_reach(0) == (2,)
 
 
-def test_links_are_those_of_radio_0() -> None:
-    field = Field((BOTH, BOTH, (1,)), [{"kind": "ideal"}, {"kind": "ideal"}])
-    field.kernel.at(MS, lambda: field.channel.command(0, Inquire(S, 9)), WORLD)
-    field.kernel.at(2 * MS, lambda: field.channel.command(0, Page(1)), WORLD)
-    field.kernel.at(2 * MS, lambda: field.channel.command(2, Page(1)), WORLD)
-    field.kernel.at(3 * MS, lambda: field.channel.power(1, False), WORLD)
+@pytest.mark.parametrize("radio", BOTH)
+def test_each_radio_has_links_of_its_own_and_its_news_names_it(radio: int) -> None:
+    field = Field((BOTH, BOTH, (1 - radio,)), [{"kind": "ideal"}, {"kind": "ideal"}])
+    commands = Inquire(S, 9, radio), Page(1, radio=radio), Hold(1, 8, radio), SwitchRole(1, radio), Page(2, radio=radio)
+    for number, command in enumerate(commands):
+        field.kernel.at((number + 1) * MS, partial(field.channel.command, 0, command), WORLD)
     field.kernel.run(S)
-    found, complete, link, lost = field.hosts[0].events
-    assert (found, complete) == (Discovered(1), InquiryComplete((1,)))
-    assert isinstance(link, Connected)
-    assert lost == Lost(1), "once, not for each radio, and nothing of robot 2, which has no radio 0"
-    assert field.hosts[2].events == []
+    assert field.hosts[0].events == [
+        Discovered(1, 0, radio),
+        InquiryComplete((1,), radio),
+        Connected(1, Role.MASTER, radio=radio),
+        ModeChanged(1, Mode.ACTIVE, radio),
+        RoleChanged(1, Role.SLAVE, radio),
+        PageFailed(2, radio),
+    ]
+    assert field.hosts[1].events == [Connected(0, Role.SLAVE, radio=radio), RoleChanged(0, Role.MASTER, radio)]
+    assert field.hosts[2].events == [], "it does not have that radio"
+
+
+def test_what_is_lost_is_a_link_of_that_radio_and_told_once() -> None:
+    field = Field((BOTH, BOTH, FIRST, (1,)), [{"kind": "ideal"}, {"kind": "ideal"}])
+    field.kernel.at(MS, partial(field.channel.command, 0, Page(1, radio=1)), WORLD)
+    field.kernel.at(3 * MS, partial(field.channel.power, 1, False), WORLD)
+    field.kernel.at(5 * MS, partial(field.channel.power, 1, True), WORLD)
+    field.kernel.at(7 * MS, partial(field.channel.power, 1, False), WORLD)
+    field.kernel.run(S)
+    made = Connected(1, Role.MASTER, radio=1)
+    assert field.hosts[0].events == [made, Lost(1), Lost(1, 1), Lost(1)], "by radio 1 there was a link, once"
+    assert field.hosts[2].events == [Lost(1), Lost(1)], "an ideal radio 0 loses whoever is off"
+    assert field.hosts[3].events == []
+
+
+def test_two_bluetooth_radios_make_a_link_each_and_carry_payloads_over_their_own() -> None:
+    field = Field((BOTH, BOTH, BOTH), [{"kind": "bluetooth"}, {"kind": "bluetooth"}])
+    for at, command in ((0, Page(1, radio=1)), (0, Page(2)), (20 * S, Disconnect(1, 1))):
+        field.kernel.at(at, partial(field.channel.command, 0, command), WORLD)
+    for token, (destination, radio) in enumerate(((1, 1), (2, 0), (1, 0), (2, 1))):
+        field.send(15 * S, 0, Outgoing(destination, b"x", token, radio))
+    field.kernel.run(30 * S)
+    assert [(event.peer, event.radio) for event in field.hosts[0].events if isinstance(event, Connected)] in (
+        [(1, 1), (2, 0)],
+        [(2, 0), (1, 1)],
+    )
+    assert sorted((event for event in field.hosts[0].events if isinstance(event, Fate)), key=repr) == [
+        Fate(0, Outcome.DELIVERED, 1),
+        Fate(1, Outcome.DELIVERED, 0),
+        Fate(2, Outcome.NO_LINK, 0),
+        Fate(3, Outcome.NO_LINK, 1),
+    ]
+    assert (field.hosts[1].heard, field.hosts[2].heard) == ([(1, 0, b"x")], [(0, 0, b"x")])
+    assert [event for event in field.hosts[1].events if isinstance(event, Lost)] == [Lost(0, 1)]
+
+
+@pytest.mark.parametrize("command", [Scan(True, 1), Page(0, radio=1), Inquire(S, 1, 2), Flush(BROADCAST, -1)])
+def test_a_command_for_a_radio_that_the_robot_does_not_have_is_our_own_misuse(command: LinkCommand) -> None:
+    field = Field((BOTH, FIRST))
+    with pytest.raises(LocalProtocolError, match=f"^robot 1 has no radio {command.radio}$"):
+        field.channel.command(1, command)
+    kernel, trace = Kernel(), Trace()
+    node = Node(1, Talker(command), kernel, IdealChannel(IdealSettings(), kernel, trace, 2), trace)  # type: ignore[arg-type]
+    with pytest.raises(LocalProtocolError, match=rf"robot 1 at .*: the robot has no radio {command.radio}$"):
+        node.drain(0)
 
 
 def test_a_link_command_leaves_the_other_radios_alone() -> None:

@@ -110,6 +110,22 @@ def test_who_has_booted_can_be_found_also_if_it_could_not_be_before_the_crash():
     assert not [event for _, event in run.machines[0].news if isinstance(event, Discovered)]
 
 
+def test_who_has_booted_can_be_found_by_each_of_its_radios():
+    acts = {
+        50 * MS: (1, Scan(False)),
+        60 * MS: (1, Scan(False, 1)),
+        600 * MS: (0, Inquire(S, 1)),
+        610 * MS: (0, Inquire(S, 1, 1)),
+        850 * MS: (0, Inquire(S, 1, 1)),
+    }
+    outage = {"kind": "radio_off", "robot": 1, "at_s": 0.1, "until_s": 0.8, "radio": 1}
+    radios = {"channel": {"kind": "radios", "radios": [{"kind": "ideal"}] * 2}, "team": {"radios": [0, 1]}}
+    found = [(600 * MS, Discovered(1)), (610 * MS, Discovered(1, radio=1)), (850 * MS, Discovered(1, radio=1))]
+    for faults, heard in (((), found), ((outage,), [found[0], found[2]])):
+        run = between_ticks(crash(1, 0.25, 0.55), *faults, acts=acts, **radios)
+        assert [(now, event) for now, event in run.machines[0].news if isinstance(event, Discovered)] == heard
+
+
 def test_a_link_of_the_machine_before_is_none_of_the_new_ones():
     acts = {50 * MS: (0, Page(1)), 650 * MS: (0, SwitchRole(1))}
     assert between_ticks(acts=acts).machines[0].news[-1] == (650 * MS, RoleChanged(1, Role.SLAVE))

@@ -2,9 +2,11 @@
 
 from typing import Final
 
+from cosim.channels.adhoc.routing.base import MOST_OCTETS
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.base import Channel
 from cosim.channels.kinds import ChannelSite, ChannelSpec
+from cosim.protocol import PayloadBytes
 
 
 def _made(settings: AdhocSettings, site: ChannelSite) -> Channel:
@@ -15,7 +17,15 @@ def _made(settings: AdhocSettings, site: ChannelSite) -> Channel:
     return AdhocChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, strengths)
 
 
+def _payload_bytes(settings: AdhocSettings) -> PayloadBytes:
+    """Return what one IPv4 packet holds, if routers make packets; a station alone sends payloads of any length."""
+    return PayloadBytes() if settings.routing is None else PayloadBytes(MOST_OCTETS, MOST_OCTETS)
+
+
 SPEC: Final = ChannelSpec(
-    AdhocSettings, _made, lambda settings: "reach_m" if settings.propagation is None else "power_dbm"
+    AdhocSettings,
+    _made,
+    lambda settings: "reach_m" if settings.propagation is None else "power_dbm",
+    payload_bytes=_payload_bytes,
 )
 """The channel."""

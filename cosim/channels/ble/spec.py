@@ -5,6 +5,7 @@ from typing import Final
 from cosim.channels.base import Channel
 from cosim.channels.ble.settings import BleSettings
 from cosim.channels.kinds import ChannelSite, ChannelSpec
+from cosim.protocol import PayloadBytes
 
 
 def _made(settings: BleSettings, site: ChannelSite) -> Channel:
@@ -14,5 +15,19 @@ def _made(settings: BleSettings, site: ChannelSite) -> Channel:
     return BleChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, site.powers_dbm)
 
 
-SPEC: Final = ChannelSpec(BleSettings, _made, lambda settings: None if settings.propagation is None else "power_dbm")
+def _payload_bytes(settings: BleSettings) -> PayloadBytes:
+    from cosim.channels.ble.broadcasting import LONGEST_BROADCAST  # as the model, whose part it is
+    from cosim.channels.ble.session import NOTIFICATION
+
+    return PayloadBytes(settings.connection.mtu_octets - len(NOTIFICATION), LONGEST_BROADCAST)
+
+
+SPEC: Final = ChannelSpec(
+    BleSettings,
+    _made,
+    lambda settings: None if settings.propagation is None else "power_dbm",
+    lambda settings: settings.connection.links,
+    _payload_bytes,
+    lambda settings: False,  # a device is in all of its piconets, whose events are at other times
+)
 """The channel."""

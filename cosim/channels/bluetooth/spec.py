@@ -3,8 +3,11 @@
 from typing import Final
 
 from cosim.channels.base import Channel
+from cosim.channels.bluetooth.packets import ACL
+from cosim.channels.bluetooth.polling import MOST_SLAVES
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.kinds import ChannelSite, ChannelSpec
+from cosim.protocol import PayloadBytes
 
 
 def _made(settings: BluetoothSettings, site: ChannelSite) -> Channel:
@@ -14,5 +17,10 @@ def _made(settings: BluetoothSettings, site: ChannelSite) -> Channel:
     return BluetoothChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, site.power_classes)
 
 
-SPEC: Final = ChannelSpec(BluetoothSettings, _made)
+def _payload_bytes(settings: BluetoothSettings) -> PayloadBytes:
+    longest = max(ACL[name].capacity for name in settings.packet_types)
+    return PayloadBytes(longest, longest)
+
+
+SPEC: Final = ChannelSpec(BluetoothSettings, _made, links=lambda settings: MOST_SLAVES, payload_bytes=_payload_bytes)
 """The channel."""

@@ -36,6 +36,9 @@ def test_more_robots_than_a_piconet_holds_are_refused() -> None:
     nine = tuple((1.0 + k, 1.0) for k in range(9))
     with pytest.raises(UserError, match=r"courier\.links: 9 robots, a piconet has at most 8"):
         prepare(Parameters.model_validate({"courier": {"links": {}}}), surroundings(nine))
+    with pytest.raises(UserError, match=r"courier\.links: 9 robots, a piconet has at most 5"):
+        prepare(Parameters.model_validate({"courier": {"links": {}}}), surroundings(nine)._replace(links=(4,)))
+    prepare(Parameters.model_validate({"courier": {"links": {}}}), surroundings(nine)._replace(links=(8,)))
 
 
 @pytest.mark.parametrize(

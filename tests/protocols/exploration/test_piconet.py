@@ -59,6 +59,9 @@ def roomy(size: int, channel: dict[str, Any], duration_s: float) -> dict[str, An
 def test_a_team_that_is_too_large_for_a_piconet_is_refused() -> None:
     with pytest.raises(UserError, match=r"sharing\.links: 9 robots, a piconet has at most 8"):
         Simulation(build(roomy(9, {"kind": "ideal"}, 1.0), "test", Path()), 1)
+    with pytest.raises(UserError, match=r"sharing\.links: 10 robots, a piconet has at most 9"):
+        Simulation(build(roomy(10, {"kind": "ble"}, 1.0), "test", Path()), 1)
+    Simulation(build(roomy(9, {"kind": "ble"}, 1.0), "test", Path()), 1)
 
 
 @pytest.mark.slow

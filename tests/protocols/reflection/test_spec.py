@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from cosim.errors import UserError
+from cosim.machine import Connected, Discovered, Inquire, InquiryComplete, Page, Role
+from cosim.observation import Observation, Seen, Sighting
 from cosim.protocol import Death, Surroundings
 from cosim.scenario import Scenario, build
 from cosim.simulation import Outcome, simulate
 from cosim.testing import check_machine
-from cosim.units import MS
+from cosim.units import MS, S
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.setup import drawn, into_frame
@@ -38,6 +40,29 @@ def surroundings(starts: Sequence[tuple[float, float]], **more: object) -> Surro
         "accelerations_mps2": (1.0,) * size,
     }
     return Surroundings(**(plain | more))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("links", "found"), [((), 7), ((None,), 7), ((12,), 12), ((2,), 2)])
+def test_an_explorer_looks_for_others_until_its_radio_has_no_link_left(links: object, found: int) -> None:
+    starts = [(1.0 + 0.5 * robot, 1.0) for robot in range(16)]
+    parameters = Parameters.model_validate({"explorers": 1, "targets": [[[8, 8]]], "links": True})
+    setup = prepare(parameters, surroundings(starts, links=links))
+    machine = SPEC.make(parameters, setup, 0, np.random.default_rng(0), 0)
+    others = range(1, 16)
+    here = Observation(
+        1.0, 1.0, 0.0, 0.0, True, False, Seen(tuple(others), tuple(Sighting(n, *starts[n]) for n in others))
+    )
+    machine.observe(here, 0)
+    machine.link(InquiryComplete(()), S)
+    for now, peer in enumerate(others, 1):
+        machine.observe(here, now * 20 * S)
+        if not any(isinstance(item, Inquire) for item in machine.outbox()):
+            break
+        machine.link(Discovered(peer), now * 20 * S)
+        machine.link(InquiryComplete((peer,)), now * 20 * S)
+        assert Page(peer) in machine.outbox()
+        machine.link(Connected(peer, Role.MASTER), now * 20 * S + S)
+    assert now - 1 == found
 
 
 def test_targets_lie_in_rooms_and_never_twice_on_end_in_the_same() -> None:

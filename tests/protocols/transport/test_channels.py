@@ -64,6 +64,15 @@ def test_a_full_piconet_carries_a_plan_to_all() -> None:
     assert all_arrived(machines, posts, 10.0)
 
 
+def test_a_piconet_of_ten_carries_messages_between_all_over_low_energy() -> None:
+    posts = [(10.0, robot, (robot + 3) % 10, 2000) for robot in range(10)]
+    channel = {"kind": "ble", "connection": {"links": 12, "interval_s": 0.03}}
+    machines = run(10, channel, 30.0, posts, transport=LINKS)
+    assert all_arrived(machines, posts, 15.0)
+    assert one_piconet(machines, range(10), 0)
+    assert all(len(machine.news_of) == 9 for machine in machines)
+
+
 def one_piconet(machines: Sequence[Any], living: Sequence[int], master: int) -> bool:
     """Return whether the living are linked to *master*, and it to them."""
     slaves = set(living) - {master}

@@ -2,9 +2,11 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from cosim.errors import UserError
 from cosim.machine import (
     BROADCAST,
     Address,
@@ -19,10 +21,33 @@ from cosim.machine import (
     Role,
     Scan,
 )
-from cosim.units import S, Time
-from protocols.transport.links import Links
+from cosim.protocol import Surroundings
+from cosim.units import MS, S, Time
+from protocols.transport.links import Links, check_piconet, most_links, most_robots
 from protocols.transport.parameters import LinkParameters, PagingParameters, TransportParameters
 from tests.protocols.transport.transport_alone import TIMES
+
+AROUND = Surroundings(
+    ((0.0, 0.0),) * 4, 0.2, 0.5, 1.0, 100 * MS, np.zeros((0, 4)), (0, 0, 1, 1), lambda points: np.zeros(4, bool)
+)
+
+
+@pytest.mark.parametrize(
+    ("links", "robots"), [((), 8), ((None,), 8), ((7,), 8), ((20, 3), 21), ((2,), 3), ((None, 2), 8)]
+)
+def test_a_piconet_has_a_master_and_as_many_slaves_as_the_radio_has_links(links: Any, robots: int) -> None:
+    around = AROUND._replace(links=links)
+    assert (most_robots(around), most_links(around)) == (robots, links[0] if links else None)
+    if robots >= 4:
+        check_piconet(around, "here")
+        return
+    with pytest.raises(UserError, match=r"^here: 4 robots, a piconet has at most 3$"):
+        check_piconet(around, "here")
+
+
+def test_each_radio_has_its_own_number_of_links() -> None:
+    assert [most_robots(AROUND._replace(links=(7, 20, None)), radio) for radio in range(4)] == [8, 21, 8, 8]
+
 
 both = pytest.mark.parametrize("takeover", [True, False])
 

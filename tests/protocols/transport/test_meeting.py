@@ -1,5 +1,7 @@
 """Links on meeting: who looks for whom, and what follows from the device's answers."""
 
+import pytest
+
 from cosim.machine import Connected, Discovered, Inquire, InquiryComplete, Lost, Page, PageFailed, Role, Scan
 from cosim.units import S
 from protocols.transport.meeting import Meeting
@@ -7,9 +9,9 @@ from protocols.transport.meeting import Meeting
 INQUIRY, PATIENCE = 5 * S, 6 * S
 
 
-def meeting(me: int = 0, looks: bool = True) -> tuple[Meeting, list[object]]:
+def meeting(me: int = 0, looks: bool = True, **more: int) -> tuple[Meeting, list[object]]:
     out: list[object] = []
-    return Meeting(me, looks, INQUIRY, PATIENCE, out), out  # type: ignore[arg-type]
+    return Meeting(me, looks, INQUIRY, PATIENCE, out, **more), out  # type: ignore[arg-type]
 
 
 def taken(out: list[object]) -> list[object]:
@@ -74,17 +76,20 @@ def test_robots_of_lower_numbers_are_left_to_look_themselves() -> None:
     assert taken(out) == [Scan(False), Inquire(5 * S, 1)]
 
 
-def test_a_master_of_seven_looks_for_nobody_and_pages_nobody() -> None:
-    room, out = meeting()
-    room.look([7, 8], 0)
-    for peer in range(1, 7):
+@pytest.mark.parametrize(("last", "more"), [(7, {}), (2, {"most": 3}), (20, {"most": 21})])
+def test_a_master_of_seven_or_as_many_as_its_radio_has_links_for_looks_for_nobody_and_pages_nobody(
+    last: int, more: dict[str, int]
+) -> None:
+    room, out = meeting(**more)
+    room.look([last, last + 1], 0)
+    for peer in range(1, last):
         room.linked.add(peer)
-    room.link(Discovered(7), S)
-    room.link(Discovered(8), S)
-    room.link(InquiryComplete((7, 8)), S)
-    assert taken(out)[-1] == Page(7)
-    room.link(Connected(7, Role.MASTER), 2 * S)
-    room.look([8], 30 * S)
+    room.link(Discovered(last), S)
+    room.link(Discovered(last + 1), S)
+    room.link(InquiryComplete((last, last + 1)), S)
+    assert taken(out)[-1] == Page(last)
+    room.link(Connected(last, Role.MASTER), 2 * S)
+    room.look([last + 1], 30 * S)
     assert taken(out) == []
 
 
