@@ -495,7 +495,7 @@ def test_list_names_what_there_is(cosim: Any):
     found = json.loads(cosim("list", "--json").out)
     assert found.keys() == {"experiments", "protocols", "channels", "maps"}
     assert "pseudonet" in found["protocols"]
-    assert found["channels"].keys() == {"ideal", "optical", "bluetooth", "adhoc", "radios"}
+    assert found["channels"].keys() == {"ideal", "optical", "bluetooth", "ble", "adhoc", "radios"}
     assert "pseudonet_coverage" in cosim("list").out
 
 

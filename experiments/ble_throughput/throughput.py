@@ -28,7 +28,7 @@ from cosim.randomness import Streams
 from cosim.settings import Count, Decibels, Seconds, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
-from cosim.units import S, Time, from_seconds, to_seconds
+from cosim.units import US, S, Time, from_seconds, to_seconds
 
 CENTRAL: Final[Address] = 0
 PERIPHERAL: Final[Address] = 1
@@ -38,7 +38,9 @@ OVERHEAD_OCTETS: Final = HEADER_OCTETS + len(NOTIFICATION)
 """Octets of a packet that are not the user's: headers of L2CAP and of ATT."""
 COLUMNS: Final = (
     Column("throughput_kbps", "float", "kb/s", "acknowledged user data; 0 if the link was lost"),
-    Column("closed_form_kbps", "float", "kb/s", "whole exchanges of an interval, and what of them is lost"),
+    Column(
+        "closed_form_kbps", "float", "kb/s", "whole exchanges of an interval, less what is lost; 0 if packets are cut"
+    ),
     Column("difference_kbps", "float", "kb/s", "throughput_kbps - closed_form_kbps"),
     Column("lost", "float", "1", "whether the link was lost"),
 )
@@ -107,13 +109,21 @@ def exchanges(given: Parameters) -> int:
     return from_seconds(given.interval_s) // exchange_time(phy, given.octets, phy, 0)
 
 
+def is_cut(given: Parameters) -> bool:
+    """Return whether packets are cut shorter, as both ends could not send one of that length in an interval."""
+    phy = phy_of(given)
+    return exchange_time(phy, given.octets, phy, given.octets) > from_seconds(given.interval_s) - 2 * US
+
+
 def expected_kbps(given: Parameters) -> float:
-    """Return the rate in kb/s with losses, as a chain over the exchanges of an event has it.
+    """Return the rate in kb/s with losses, as a chain over the exchanges of an event has it; 0 if packets are cut.
 
     An event ends with a packet of which the header is not received, with the second one in a row that an end receives
     with a wrong CRC, or when no exchange fits any more. Whether the packet at the head of the queue has been received,
     and is only not acknowledged, is what an event leaves to the next one.
     """
+    if is_cut(given):
+        return 0.0
     g = SENSITIVITY_G * 10 ** (given.margin_db / 10)
     right = 1.0 - bit_error_rate(g)
     down, up = ((right**48, right ** (8 * (octets + 3))) for octets in (given.octets, 0))

@@ -208,7 +208,9 @@ def test_a_channel_that_has_a_radio_is_told_of_jammers_before_anything_runs(monk
 
 
 def test_a_channel_without_a_radio_has_nothing_to_jam():
-    with pytest.raises(UserError, match=r"^faults\[1\]: a jammer needs a channel that can be jammed, bluetooth or"):
+    with pytest.raises(
+        UserError, match=r"^faults\[1\]: a jammer needs a channel that can be jammed: bluetooth, ble or"
+    ):
         Simulation(scenario(kill(0, 1.0), JAMMER), 1)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from cosim.channels.ble.antenna import Antenna
-from cosim.channels.ble.bits.l2cap import ATTRIBUTES, LEAST_OCTETS, Message, Reassembly, fragments
+from cosim.channels.ble.bits.l2cap import ATTRIBUTES, LEAST_OCTETS, MOST_OCTETS, Message, Reassembly, fragments
 from cosim.channels.ble.bits.pdu import Llid, encode_data
 from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.ble.connections.exchange import Packet, Reception, Side, exchange_time
@@ -25,7 +25,7 @@ from cosim.errors import WireError
 from cosim.kernel import Handle
 from cosim.machine import Address, Lost, Outcome, Outgoing
 from cosim.machine import Reception as Arrived
-from cosim.units import Time
+from cosim.units import US, Time
 
 NOTIFICATION: Final = bytes.fromhex("1b0300")
 """Opcode and handle of an ATT notification, in which payloads are sent."""
@@ -125,10 +125,13 @@ class Session:
                 end.arq.data.extend(parts)
 
     def _fitting(self) -> int:
-        """Return the longest payload of a packet whose exchange fits into the time that an event has at least."""
+        """Return the longest payload of which both ends can send a packet in the time that an event has at least.
+
+        Were it longer, an end with much to say could keep the other one silent: what has been sent must be repeated.
+        """
         phys = {*self.link.ends[0].phys, self._limits.phy}
-        room = min((self._limits.part - 2 * (T_IFS + phy.air_time(0))) // phy.octet for phy in phys)
-        return max(LEAST_OCTETS, min(room, 251))
+        half = self._limits.part // 2 - US  # anchors are rounded
+        return max(LEAST_OCTETS, min(MOST_OCTETS, *((half - T_IFS - phy.air_time(0)) // phy.octet for phy in phys)))
 
     def flush(self, address: Address) -> None:
         """Take out of the queue of the end *address* what has not been on the air."""
