@@ -260,8 +260,9 @@ class Session:
 
     def _until(self, now: Time) -> Time:
         """Return when an event that begins *now* has to be over: the next one of this central begins."""
-        others = (claim for claim in self.terminals[Side.CENTRAL].antenna.claims if isinstance(claim, Session))
-        return min(session.next_from(now + 1) for session in others if session.central == self.central)
+        claims = self.terminals[Side.CENTRAL].antenna.claims
+        others = [claim for claim in claims if isinstance(claim, Session) and claim.central == self.central]
+        return min(session.next_from(now + 1) for session in (self, *others))
 
     def _put(self, packet: Packet) -> None:
         """Put *packet* on the air: it begins now, or in T_IFS."""
