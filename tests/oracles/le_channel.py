@@ -85,11 +85,16 @@ class LeChannel:
             case Disconnect(peer):
                 self.links.close(device, peer)
             case Flush(destination):
-                self.links.flush(device, destination)
+                if destination == BROADCAST:
+                    self.sets.flush(device)
+                else:
+                    self.links.flush(device, destination)
 
     def send(self, address: int, outgoing: Outgoing) -> None:
         """Take a payload."""
         device = self.devices[address]
+        if not device.on:
+            return
         if outgoing.destination == BROADCAST:
             self.sets.send(device, outgoing)
         else:

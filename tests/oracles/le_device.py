@@ -58,7 +58,6 @@ class Session:
     part: int
     alive: list[bool]
     watched: list[int] = field(default_factory=lambda: [-1, -1])
-    closing: list[bool] = field(default_factory=lambda: [False, False])
     payloads: tuple[list[Payload], list[Payload]] = field(default_factory=lambda: ([], []))
 
     def least(self) -> int:

@@ -6,7 +6,7 @@ from cosim.channels.ble.access import draw
 from cosim.channels.ble.arq import Fragment
 from cosim.channels.ble.capacity import exchange_time
 from cosim.channels.ble.channel_map import ALL_CHANNELS
-from cosim.channels.ble.control import PHY_1M, PHY_2M, PHY_CODED, Lengths, TerminateInd, encode_control
+from cosim.channels.ble.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
 from cosim.channels.ble.exchange import Reception, Side
 from cosim.channels.ble.l2cap import (
     ATTRIBUTES,
@@ -129,7 +129,7 @@ class Links:
         index = link.channel(Side.CENTRAL, link.event)
         sent = Packet(sender.address, packet.start, link.central.phys[packet.sender], len(packet.pdu.payload), index)
         sender.take(sent.start, sent.end, session)
-        if packet.sender is Side.PERIPHERAL or link.on_air.listening:
+        if session.alive[1 - packet.sender]:
             receiver.take(sent.start, sent.end + T_IFS, session)
         self.channel.at(sent.start, START, self.send, session, sent)
 
@@ -199,6 +199,8 @@ class Links:
         """Forget the ends of a device that is switched off."""
         for session, side in device.links.values():
             session.alive[side] = False
+            for payload in session.payloads[side]:
+                self.channel.over(device.address, payload.outgoing, Outcome.FLUSHED)
             session.payloads[side].clear()
         device.links.clear()
 
@@ -206,10 +208,8 @@ class Links:
         """Flush what has not begun, and send LL_TERMINATE_IND behind what has."""
         if peer in device.links:
             session, side = device.links[peer]
-            if not session.closing[side]:
-                session.closing[side] = True
-                self.flush(device, peer)
-                session.link.ends[side].arq.data.append(encode_control(TerminateInd()))
+            self.flush(device, peer)
+            session.link.terminate(side)
 
     # ---------------------------------------------------------------- payloads
 
@@ -235,7 +235,7 @@ class Links:
     def hand_in(self, device: Device, outgoing: Outgoing) -> None:
         """Queue a payload for one."""
         session, side = device.links.get(outgoing.destination, (None, Side.CENTRAL))
-        if session is None or session.closing[side]:
+        if session is None:
             self.channel.over(device.address, outgoing, Outcome.NO_LINK)
         else:
             self.queue(session, side, outgoing)

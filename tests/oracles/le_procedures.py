@@ -80,19 +80,22 @@ class Procedures:
         """Answer an ADV_IND, if the antenna is free for it."""
         start = heard.end + T_IFS
         end = start + LE_1M.air_time(CONNECT_OCTETS)
+        drawn = self.channel.links.draw(device)
         if device.taken(heard.end, end) or device.planned(heard.end, end):
             return
         procedure.connecting = True
         device.take(start, end, procedure)
-        self.channel.at(start, START, self.send, device, advertiser, procedure, heard.channel)
+        self.channel.at(start, START, self.send, device, advertiser, procedure, (heard.channel, drawn))
 
-    def send(self, device: Device, advertiser: Device, procedure: Procedure, index: int) -> None:
+    def send(
+        self, device: Device, advertiser: Device, procedure: Procedure, what: tuple[int, tuple[int, int, int]]
+    ) -> None:
         """Put a CONNECT_IND on the air."""
+        index, drawn = what
         if device.procedure is procedure:
             packet = Packet(device.address, self.channel.now, LE_1M, CONNECT_OCTETS, index)
             self.channel.air.put(packet)
-            ll_data = self.channel.links.draw(device)
-            self.channel.at(packet.end, OVER, self.sent, device, advertiser, procedure, packet, ll_data)
+            self.channel.at(packet.end, OVER, self.sent, device, advertiser, procedure, packet, drawn)
 
     def sent(
         self, device: Device, advertiser: Device, procedure: Procedure, packet: Packet, drawn: tuple[int, int, int]

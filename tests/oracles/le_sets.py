@@ -37,6 +37,7 @@ class Set:
     planned: int = 0
     """When its next event was to begin, not counting waits."""
     waits: int = 0
+    """Number of waits, over all events."""
     having: set[int] = field(default_factory=set)
     followers: dict[int, bool] = field(default_factory=dict)
     """Who follows the event under way, and whether it has received everything so far."""
@@ -55,30 +56,26 @@ class Sets:
         self.draws = [channel.streams.draws("ble", "sets", address) for address in range(size)]
         self.counts = [0] * size
         self.active: list[list[Set]] = [[] for _ in range(size)]
-        self.waiting: list[deque[Set]] = [deque() for _ in range(size)]
+        self.waiting: list[deque[Outgoing]] = [deque() for _ in range(size)]
 
     def send(self, device: Device, outgoing: Outgoing) -> None:
         """Queue a payload."""
         address = device.address
-        if not device.on:
-            self.channel.over(address, outgoing, Outcome.NO_LINK)
-            return
-        self.waiting[address].append(Set(device, self.counts[address], outgoing))
-        self.counts[address] += 1
+        self.waiting[address].append(outgoing)
         self.fill(address)
 
     def fill(self, address: int) -> None:
         """Let waiting sets begin as far as there is room."""
         while self.waiting[address] and len(self.active[address]) < MOST_SETS:
-            each = self.waiting[address].popleft()
+            each = Set(self.channel.devices[address], self.counts[address], self.waiting[address].popleft())
+            self.counts[address] += 1
             self.active[address].append(each)
-            self.plan(each, each.device.clock.local(self.channel.now))
+            self.plan(each, self.channel.now)
 
-    def plan(self, each: Set, local: int) -> None:
-        """Plan the next event, an advDelay after the *local* time."""
-        local += self.draws[each.device.address].below(LONGEST_DELAY + 1, each.key)
-        each.planned, each.waits = each.device.clock.at_local(local), 0
-        self.channel.at(max(each.planned, self.channel.now), START, self.attempt, each)
+    def plan(self, each: Set, since: int) -> None:
+        """Plan the next event, an advDelay after *since*."""
+        each.planned = since + self.draws[each.device.address].below(LONGEST_DELAY + 1, each.key)
+        self.channel.at(each.planned, START, self.attempt, each)
 
     def layout(self, each: Set) -> list[Packet]:
         """Return the packets of an event that begins now."""
@@ -106,19 +103,19 @@ class Sets:
         packets = self.layout(each)
         end = packets[-1].end
         busy = device.taken(now, end) + device.advertises(now, now + 1)
-        if now - each.planned <= LONGEST_PATIENCE:
-            busy += device.planned(now, end)
+        patience = each.planned + LONGEST_PATIENCE
+        if now < patience:
+            busy += [min(time, patience) for time in device.planned(now, end)]
         if busy:
-            more = self.draws[device.address].below(LONGEST_WAIT, each.key, each.waits, 2)
             each.waits += 1
+            more = self.draws[device.address].below(LONGEST_WAIT, each.key, each.waits, 2)
             self.channel.at(max(busy) + 1 + more, START, self.attempt, each)
             return
         device.take(now, end, each)
         each.followers = {}
         for place, packet in enumerate(packets):
             self.channel.at(packet.start, START, self.begin, each, packets, place)
-        next_local = device.clock.local(now) + self.channel.settings.broadcast.interval
-        self.channel.at(end, OVER, self.over, each, next_local)
+        self.channel.at(end, OVER, self.over, each, now + self.channel.settings.broadcast.interval)
 
     def begin(self, each: Set, packets: list[Packet], place: int) -> None:
         """Put a packet on the air."""
@@ -153,18 +150,23 @@ class Sets:
                 receiver.take(begin, end, each)
                 each.followers[address] = True
 
-    def over(self, each: Set, local: int) -> None:
-        """Go on to the next event, planned an advDelay after the *local* time, or to the next set."""
+    def over(self, each: Set, since: int) -> None:
+        """Go on to the next event, planned an advDelay after *since*, or to the next set."""
         device = each.device
         if each not in self.active[device.address]:
             return
         each.event += 1
         if each.event < self.channel.settings.broadcast.events:
-            self.plan(each, local)
+            self.plan(each, since)
             return
         self.active[device.address].remove(each)
         self.channel.over(device.address, each.outgoing, Outcome.SENT)
         self.fill(device.address)
+
+    def flush(self, device: Device) -> None:
+        """Take out the payloads that no set has been made for."""
+        while self.waiting[device.address]:
+            self.channel.over(device.address, self.waiting[device.address].popleft(), Outcome.FLUSHED)
 
     def vanish(self, device: Device) -> None:
         """Forget the sets of a device that is switched off."""
