@@ -5,6 +5,7 @@ Powers are those of a packet's start. Without a law of propagation a packet has 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from cosim import elementary
 from cosim.channels.air.spectra import LE_1M, LE_2M, OFFSETS, shares
 from cosim.channels.ble import phy as phys
 from cosim.channels.ble.channels import frequency_mhz, rf_channel
-from cosim.channels.ble.errors import UNNOTICED, noise_mw, ratio, received
+from cosim.channels.ble.errors import CLEAR_G, UNNOTICED, noise_mw, ratio, received
 from cosim.channels.ble.exchange import Reception
 from cosim.channels.ble.phy import Phy
 from cosim.channels.ble.settings import BleSettings
@@ -20,6 +21,9 @@ from cosim.channels.propagation import Propagation
 from cosim.geometry.segments import segment_grid
 from cosim.randomness import Streams
 from cosim.units import MS
+
+if TYPE_CHECKING:
+    from tests.oracles.le_device import Device
 
 KEPT = 60 * MS
 """Time for which packets are kept that are over: more than the longest one lasts."""
@@ -75,6 +79,19 @@ class Air:
             return 1.0 if reach is None or (ax - bx) ** 2 + (ay - by) ** 2 <= reach**2 else 0.0
         gain = self.law.gains_db(np.array(self.places))[source, to]
         return float(elementary.exp10((self.settings.power_dbm + gain) / 10.0))
+
+    def clear(self, one: "Device", other: "Device", phy: Phy) -> bool:
+        """Return whether packets of *one* come to *other*, both on, without errors if nothing disturbs them."""
+        return self.reaches(one, other, phy, CLEAR_G)
+
+    def notices(self, one: "Device", other: "Device") -> bool:
+        """Return whether *other* may ever notice *one*, both on."""
+        return self.reaches(one, other, phys.LE_1M, UNNOTICED)
+
+    def reaches(self, one: "Device", other: "Device", phy: Phy, least: float) -> bool:
+        power = self.power_mw(one.address, other.address)
+        noise = 0.0 if self.law is None else noise_mw(phy, self.settings.sensitivity_dbm)
+        return one.on and other.on and power > 0.0 and ratio(phy, power, noise) >= least
 
     def rssi_dbm(self, packet: Packet, receiver: int) -> float | None:
         """Return what a host is told of the power of *packet*."""

@@ -89,11 +89,10 @@ def draw_settings(choice: Choice, level: int) -> dict[str, Any]:
     if level >= 1:
         settings["connection"] = draw_connection(choice)
     if level >= 3:
-        settings["broadcast"] = {
-            "events": pick(choice, (1, 2, 3, 5)),
-            "interval_s": pick(choice, (0.02, 0.02, 0.05)),
-            "phy": pick(choice, ("1M", "2M", "coded")),
-        }
+        phy = pick(choice, ("1M", "2M", "coded"))
+        intervals = (0.02, 0.02, 0.05) if phy != "coded" else (0.06, 0.08)  # an event has to be shorter
+        broadcast = {"events": pick(choice, (1, 2, 3, 5)), "interval_s": pick(choice, intervals), "phy": phy}
+        settings["broadcast"] = broadcast
     return settings
 
 
@@ -108,12 +107,14 @@ def draw_connection(choice: Choice) -> dict[str, Any]:
     latency = pick(choice, (0, 0, 1, 2, 5))
     least = 2 * (1 + latency) * units * PARTS_MS + 10
     supervision_ms = max(100, 10 * int(least / 10 + 1), pick(choice, (100, 500, 1_000, 1_000)))
+    phy = pick(choice, ("1M", "1M", "2M", "coded"))
+    most = units if phy != "coded" else 5 * units // 7  # a poll and its answer are to fit into a part
     return {
         "interval_s": units * PARTS_MS / 1000,
         "latency": latency,
         "supervision_s": supervision_ms / 1000,
-        "links": pick(choice, (1, min(2, units), min(3, units), min(8, units), min(units, 8))),
-        "phy": pick(choice, ("1M", "1M", "2M", "coded")),
+        "links": pick(choice, (1, 2, 3, min(8, most), most)),
+        "phy": phy,
         "octets": pick(choice, (27, 251, 251, choice.integer(27, 251))),
     }
 

@@ -101,7 +101,9 @@ class LeChannel:
             self.links.hand_in(device, outgoing)
 
     def move(self, places_m: Sequence[tuple[float, float]]) -> None:
+        """Put devices in other places."""
         self.air.places = list(places_m)
+        self.links.reconsider()
 
     def power(self, address: int, on: bool) -> None:
         """Switch a device."""

@@ -57,6 +57,9 @@ class Session:
     devices: "tuple[Device, Device]"
     part: int
     alive: list[bool]
+    resting: bool = False
+    """True if its polls are taken to be heard, whatever else there is."""
+    on_air: Packet | None = None
     watched: list[int] = field(default_factory=lambda: [-1, -1])
     payloads: tuple[list[Payload], list[Payload]] = field(default_factory=lambda: ([], []))
 

@@ -43,6 +43,8 @@ class Links:
     def __init__(self, channel: "LeChannel") -> None:
         self.channel = channel
         self.coming: dict[tuple[Session, Side], Reassembly] = {}
+        self.all: list[Session] = []
+        """All of which an end is left."""
 
     # ---------------------------------------------------------------- how they begin
 
@@ -77,13 +79,14 @@ class Links:
         link = Link(ll_data, now, clocks, ppm, start=start)
         self.agree(link)
         session = Session(link, (central, peripheral), part, [True, accepted])
+        self.all.append(session)
         central.links[peripheral.address] = session, Side.CENTRAL
         self.channel.report(central.address, Connected(peripheral.address, Role.MASTER, address))
         if accepted:
             peripheral.links[central.address] = session, Side.PERIPHERAL
             self.channel.report(peripheral.address, Connected(central.address, Role.SLAVE, address))
-        self.channel.at(link.anchor, START, self.anchor, session)
-        self.watch(session)
+        self.go_on(session)
+        self.reconsider()
 
     def agree(self, link: Link) -> None:
         """Let the central ask for what the settings say."""
@@ -107,13 +110,14 @@ class Links:
             return
         central, peripheral = session.devices
         end = now + session.least()
-        if central.taken(now, end, session):
+        if not session.resting and central.taken(now, end, session):
             link.skip()
             self.go_on(session)
             return
         mine = [each for each, side in central.links.values() if side is Side.CENTRAL]
         until = min(each.anchor_after(now) for each in mine)
-        link.begin(until, session.alive[1] and not peripheral.taken(now, end, session))
+        free = session.resting or not peripheral.taken(now, end, session)
+        link.begin(until, session.alive[1] and free)
         self.put(session)
 
     def put(self, session: Session) -> None:
@@ -128,10 +132,18 @@ class Links:
         sender, receiver = session.devices[packet.sender], session.devices[1 - packet.sender]
         index = link.channel(Side.CENTRAL, link.event)
         sent = Packet(sender.address, packet.start, link.central.phys[packet.sender], len(packet.pdu.payload), index)
-        sender.take(sent.start, sent.end, session)
-        if session.alive[1 - packet.sender]:
-            receiver.take(sent.start, sent.end + T_IFS, session)
+        session.on_air = sent
+        if not session.resting:
+            self.take(session, packet.sender)
         self.channel.at(sent.start, START, self.send, session, sent)
+
+    def take(self, session: Session, side: Side) -> None:
+        """Take the antennas for the packet on the air."""
+        packet = session.on_air
+        assert packet is not None
+        session.devices[side].take(packet.start, packet.end, session)
+        if session.alive[1 - side]:
+            session.devices[1 - side].take(packet.start, packet.end + T_IFS, session)
 
     def send(self, session: Session, packet: Packet) -> None:
         """Put a packet on the air."""
@@ -148,7 +160,9 @@ class Links:
         sender, receiver = session.devices[side], session.devices[1 - side]
         reception = Reception.MISSED
         whole = session.alive[0] and session.alive[1] and sender.was_on(packet) and receiver.was_on(packet)
-        if whole and not receiver.taken(packet.start, packet.end, session):
+        if whole and session.resting:
+            reception = Reception.HEARD
+        elif whole and not receiver.taken(packet.start, packet.end, session):
             reception = self.channel.air.reception(packet, receiver.address)
         heard = link.ended(reception)
         if heard.acknowledged is not None:
@@ -163,9 +177,38 @@ class Links:
 
     def go_on(self, session: Session) -> None:
         """Go on to the next event."""
+        session.on_air = None
+        session.resting = session.link.may_rest and self.may_rest(session)
         if session.alive[0]:
             self.channel.at(session.link.anchor, START, self.anchor, session)
         self.watch(session)
+
+    # ---------------------------------------------------------------- rest
+
+    def may_rest(self, session: Session) -> bool:
+        """Return whether nothing around a link that is quiet keeps it from resting."""
+        air, (central, peripheral) = self.channel.air, session.devices
+        down, up = session.link.central.phys
+        if not all(session.alive) or not (air.clear(central, peripheral, down) and air.clear(peripheral, central, up)):
+            return False
+        others = [device for each in self.all if each.devices[0] is not central for device in each.devices]
+        if central in others or peripheral in others:
+            return False
+        near = any(air.notices(other, end) for other in others for end in session.devices)
+        return self.channel.settings.interference == "none" or not near
+
+    def reconsider(self) -> None:
+        """Wake links that may not rest any more."""
+        for session in self.all:
+            if session.resting and not self.may_rest(session):
+                self.wake(session)
+
+    def wake(self, session: Session) -> None:
+        """Have the events of a link take place as others do, from the packet on the air on."""
+        if session.resting and session.on_air is not None and session.link.on_air is not None:
+            assert session.link.on_air.packet is not None
+            self.take(session, session.link.on_air.packet.sender)
+        session.resting = False
 
     # ---------------------------------------------------------------- how they end
 
@@ -189,26 +232,36 @@ class Links:
             if session.alive[side] and session.link.ends[side].loss is not None:
                 device, peer = session.devices[side], session.devices[1 - side]
                 session.alive[side] = False
+                self.forget(session)
                 del device.links[peer.address]
                 self.channel.report(device.address, Lost(peer.address))
                 for payload in session.payloads[side]:
                     self.channel.over(device.address, payload.outgoing, Outcome.FLUSHED)
                 session.payloads[side].clear()
+                self.reconsider()
 
     def vanish(self, device: Device) -> None:
         """Forget the ends of a device that is switched off."""
         for session, side in device.links.values():
             session.alive[side] = False
+            self.forget(session)
             for payload in session.payloads[side]:
                 self.channel.over(device.address, payload.outgoing, Outcome.FLUSHED)
             session.payloads[side].clear()
         device.links.clear()
+        self.reconsider()
+
+    def forget(self, session: Session) -> None:
+        """Forget a link without ends."""
+        if not any(session.alive):
+            self.all.remove(session)
 
     def close(self, device: Device, peer: int) -> None:
         """Flush what has not begun, and send LL_TERMINATE_IND behind what has."""
         if peer in device.links:
             session, side = device.links[peer]
             self.flush(device, peer)
+            self.wake(session)
             session.link.terminate(side)
 
     # ---------------------------------------------------------------- payloads
@@ -229,6 +282,7 @@ class Links:
         cut = fragments(message, self.longest(session, side), payload)
         payload.fragments = cut
         session.payloads[side].append(payload)
+        self.wake(session)
         for fragment in cut:
             session.link.ends[side].arq.push(fragment)
 
