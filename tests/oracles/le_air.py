@@ -117,14 +117,16 @@ class Air:
             others = [
                 each
                 for each in self.packets
-                if each.source not in (packet.source, receiver)
-                and each.start < packet.end
-                and packet.start < each.end
+                if each.source not in (packet.source, receiver) and each.start < packet.end and packet.start < each.end
             ]
         edges = {packet.start, packet.end, *(edge for each in others for edge in (each.start, each.end))}
         times = sorted(edge for edge in edges if packet.start <= edge <= packet.end)
         return [
-            (begin, end, sum(leak(each, packet, receiver) for each in others if each.start <= begin and end <= each.end))
+            (
+                begin,
+                end,
+                sum(leak(each, packet, receiver) for each in others if each.start <= begin and end <= each.end),
+            )
             for begin, end in zip(times[:-1], times[1:], strict=True)
         ]
 

@@ -88,7 +88,9 @@ class Sets:
         left, phy = len(each.outgoing.payload), PHYS[self.channel.settings.broadcast.phy]
         for number in range(max(1, -(-left // MOST_DATA))):
             data, last = min(left, MOST_DATA), left <= MOST_DATA
-            octets = HEADER_OCTETS + BEFORE_DATA + data + (0 if number else ADDRESS_OCTETS) + (0 if last else AUX_OCTETS)
+            octets = (
+                HEADER_OCTETS + BEFORE_DATA + data + (0 if number else ADDRESS_OCTETS) + (0 if last else AUX_OCTETS)
+            )
             index = self.draws[address].below(37, each.key, number, 1)
             packets.append(Packet(address, time, phy, octets, index))
             time += -(-(phy.air_time(octets) + T_MAFS) // STEP) * STEP
@@ -132,9 +134,7 @@ class Sets:
         for address, good in each.followers.items():
             receiver = channel.devices[address]
             whole = each.device.was_on(packet) and receiver.was_on(packet)
-            each.followers[address] = (
-                good and whole and channel.air.reception(packet, address) is Reception.HEARD
-            )
+            each.followers[address] = good and whole and channel.air.reception(packet, address) is Reception.HEARD
         if place == len(packets) - 1:
             for address in sorted(address for address, good in each.followers.items() if good):
                 each.having.add(address)
