@@ -5,6 +5,7 @@ Powers are those of a packet's start. Without a law of propagation a packet has 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -122,12 +123,8 @@ class Air:
         edges = {packet.start, packet.end, *(edge for each in others for edge in (each.start, each.end))}
         times = sorted(edge for edge in edges if packet.start <= edge <= packet.end)
         return [
-            (
-                begin,
-                end,
-                sum(leak(each, packet, receiver) for each in others if each.start <= begin and end <= each.end),
-            )
-            for begin, end in zip(times[:-1], times[1:], strict=True)
+            (begin, end, sum(leak(each, packet, receiver) for each in others if each.start < end and begin < each.end))
+            for begin, end in pairwise(times)
         ]
 
 

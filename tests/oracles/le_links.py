@@ -129,7 +129,7 @@ class Links:
             self.go_on(session)
             return
         packet = link.on_air.packet
-        sender, receiver = session.devices[packet.sender], session.devices[1 - packet.sender]
+        sender = session.devices[packet.sender]
         index = link.channel(Side.CENTRAL, link.event)
         sent = Packet(sender.address, packet.start, link.central.phys[packet.sender], len(packet.pdu.payload), index)
         session.on_air = sent
