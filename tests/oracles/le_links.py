@@ -159,7 +159,7 @@ class Links:
         side = link.on_air.packet.sender
         sender, receiver = session.devices[side], session.devices[1 - side]
         reception = Reception.MISSED
-        whole = session.alive[0] and session.alive[1] and sender.was_on(packet) and receiver.was_on(packet)
+        whole = session.alive[1 - side] and sender.was_on(packet) and receiver.was_on(packet)
         if whole and session.resting:
             reception = Reception.HEARD
         elif whole and not receiver.taken(packet.start, packet.end, session):

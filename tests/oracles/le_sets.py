@@ -134,6 +134,7 @@ class Sets:
         for address, good in each.followers.items():
             receiver = channel.devices[address]
             whole = each.device.was_on(packet) and receiver.was_on(packet)
+            whole = whole and not receiver.taken(packet.start, packet.end, each)
             each.followers[address] = good and whole and channel.air.reception(packet, address) is Reception.HEARD
         if place == len(packets) - 1:
             for address in sorted(address for address, good in each.followers.items() if good):
