@@ -1,0 +1,77 @@
+"""Connectable advertising, event by event."""
+
+from typing import TYPE_CHECKING
+
+from cosim.channels.ble.advertising import REQUEST_ROOM, Advertiser, Event
+from cosim.channels.ble.phy import LE_1M
+from tests.oracles.le_air import Packet
+from tests.oracles.le_device import Device
+
+if TYPE_CHECKING:
+    from tests.oracles.le_channel import LeChannel
+
+OVER, TIMER, START = range(3)
+
+
+def octets(device: Device) -> int:
+    """Return the payload of an ADV_IND: address, flags, and the name ``robot N``."""
+    return 6 + 3 + 2 + len(f"robot {device.address}")
+
+
+class Advertising:
+    """The connectable advertising of all devices."""
+
+    def __init__(self, channel: "LeChannel") -> None:
+        self.channel = channel
+
+    def begin(self, device: Device, local: int | None = None) -> None:
+        """Let *device* begin anew, at once or at a *local* time."""
+        channel = self.channel
+        delays = channel.streams.draws("ble", "delay", device.address, device.runs)
+        device.runs += 1
+        first = device.clock.local(channel.now) if local is None else local
+        air, interval = LE_1M.air_time(octets(device)), channel.settings.advertise.interval
+        device.run = run = Advertiser(device.clock, first, interval, air, delays)
+        event = Event(0, first)
+        channel.at(max(channel.now, run.start(event, 0)), START, self.event, device, run, event)
+
+    def stop(self, device: Device) -> None:
+        """Let *device* send no more packets."""
+        device.run = None
+        for event in device.events:
+            event[1] = min(event[1], self.channel.now)
+
+    def want(self, device: Device, enabled: bool) -> None:
+        """Let *device* be found, or not."""
+        if enabled and not device.wanted:
+            self.begin(device)
+        elif not enabled and device.wanted:
+            self.stop(device)
+        device.wanted = enabled
+
+    def event(self, device: Device, run: Advertiser, event: Event) -> None:
+        """Begin an event, if the antenna is free for it."""
+        channel, now = self.channel, self.channel.now
+        if device.run is not run:
+            return
+        end = run.start(event, 2) + run.air_time + REQUEST_ROOM
+        if not device.taken(now, end) and not device.planned(now, end):
+            device.events = [each for each in device.events[-9:] if each[0] < each[1]]
+            device.events.append([now, end])
+            for pdu, index in enumerate(run.channels):
+                channel.at(max(now, run.start(event, pdu)), START, self.send, device, run, index)
+        following = run.after(event)
+        channel.at(run.start(following, 0), START, self.event, device, run, following)
+
+    def send(self, device: Device, run: Advertiser, index: int) -> None:
+        """Put an ADV_IND on the air."""
+        if device.run is run:
+            packet = Packet(device.address, self.channel.now, LE_1M, octets(device), index)
+            self.channel.air.put(packet)
+            self.channel.at(packet.end, OVER, self.sent, device, packet)
+
+    def sent(self, device: Device, packet: Packet) -> None:
+        """Let all who hear an ADV_IND at its end know."""
+        for receiver in self.channel.devices:
+            if self.channel.hears(receiver, packet):
+                self.channel.procedures.heard(receiver, device, packet)
