@@ -71,7 +71,10 @@ def draw_case(choice: Choice, kind: str) -> Case:
     length = choice.integer(4, 15) * S
     script = [*draw_script(choice, level, size, length)] + [(0, Move(a, float(a), 0.0)) for a in range(size)]
     ordered = tuple(sorted(script, key=lambda item: item[0]))
-    return Case(size, choice.integer(0, 1 << 30), draw_settings(choice, level), ordered, length + 5 * S)
+    seed, settings = choice.integer(0, 1 << 30), draw_settings(choice, level)
+    if "propagation" in settings:  # with the second some packets are broken, with the third most are
+        settings["sensitivity_dbm"] = pick(choice, (-99.0, -56.0, -51.0))
+    return Case(size, seed, settings, ordered, length + 5 * S)
 
 
 def draw_settings(choice: Choice, level: int) -> dict[str, Any]:
