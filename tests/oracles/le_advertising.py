@@ -30,6 +30,8 @@ class Advertising:
         delays = channel.streams.draws("ble", "delay", device.address, device.runs)
         device.runs += 1
         first = device.clock.local(channel.now) if local is None else local
+        if device.clock.at_local(first) < channel.now:  # that local time began a nanosecond ago
+            first += 1
         air, interval = LE_1M.air_time(octets(device)), channel.settings.advertise.interval
         device.run = run = Advertiser(device.clock, first, interval, air, delays)
         event = Event(0, first)

@@ -13,9 +13,9 @@ import numpy as np
 from cosim import elementary
 from cosim.channels.air.spectra import LE_1M, LE_2M, OFFSETS, shares
 from cosim.channels.ble import phy as phys
+from cosim.channels.ble.bits.errors import CLEAR_G, UNNOTICED, noise_mw, ratio, received
 from cosim.channels.ble.channels import frequency_mhz, rf_channel
-from cosim.channels.ble.errors import CLEAR_G, UNNOTICED, noise_mw, ratio, received
-from cosim.channels.ble.exchange import Reception
+from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.phy import Phy
 from cosim.channels.ble.settings import BleSettings
 from cosim.channels.propagation import Propagation

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from itertools import count
 from typing import Any
 
-from cosim.channels.ble.exchange import Reception as Heard
+from cosim.channels.ble.connections.exchange import Reception as Heard
 from cosim.channels.ble.settings import BleSettings
 from cosim.machine import (
     BROADCAST,

@@ -4,11 +4,10 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from cosim.channels.ble.advertising import Advertiser
-from cosim.channels.ble.arq import Fragment
-from cosim.channels.ble.capacity import exchange_time
 from cosim.channels.ble.channels import ADVERTISING
-from cosim.channels.ble.exchange import Side
-from cosim.channels.ble.link import Link
+from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.exchange import Side, exchange_time
+from cosim.channels.ble.connections.link import Link
 from cosim.channels.ble.scanning import ScanWindows
 from cosim.channels.ble.settings import BleSettings, ScanSettings
 from cosim.channels.clock import NativeClock

@@ -2,13 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from cosim.channels.ble.access import draw
-from cosim.channels.ble.arq import Fragment
-from cosim.channels.ble.capacity import exchange_time
-from cosim.channels.ble.channel_map import ALL_CHANNELS
-from cosim.channels.ble.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
-from cosim.channels.ble.exchange import Reception, Side
-from cosim.channels.ble.l2cap import (
+from cosim.channels.ble.bits.access import draw
+from cosim.channels.ble.bits.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
+from cosim.channels.ble.bits.l2cap import (
     ATTRIBUTES,
     LEAST_OCTETS,
     MOST_TIME,
@@ -17,8 +13,11 @@ from cosim.channels.ble.l2cap import (
     Reassembly,
     fragments,
 )
-from cosim.channels.ble.link import Link
-from cosim.channels.ble.pdu import CLOCK_ACCURACIES_PPM, LLData
+from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, LLData
+from cosim.channels.ble.channel_map import ALL_CHANNELS
+from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.exchange import Reception, Side, exchange_time
+from cosim.channels.ble.connections.link import Link
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, T_IFS, Phy
 from cosim.channels.ble.selection import HOP_INCREMENTS
 from cosim.machine import Connected, Lost, Outcome, Outgoing, Role
@@ -273,7 +272,7 @@ class Links:
         end = session.link.ends[side]
         in_use = {*end.phys, PHYS[settings.phy][1]}
         phy = min(in_use, key=lambda each: SPEED[each])
-        fitting = [n for n in range(LEAST_OCTETS, end.longest + 1) if exchange_time(phy, n, phy, 0) <= part]
+        fitting = [n for n in range(LEAST_OCTETS, end.longest + 1) if exchange_time(phy, n, phy, n) <= part - 2_000]
         return max(fitting, default=LEAST_OCTETS)
 
     def queue(self, session: Session, side: Side, outgoing: Outgoing) -> None:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from cosim.channels.ble.exchange import Reception
+from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.phy import LE_1M, T_IFS
 from cosim.machine import Discovered, Inquire, InquiryComplete, Page, PageFailed
 from cosim.units import from_seconds

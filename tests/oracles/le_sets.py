@@ -4,7 +4,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from cosim.channels.ble.exchange import Reception
+from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, T_IFS, T_MAFS
 from cosim.machine import Outcome, Outgoing
 from cosim.units import MS, US
@@ -117,7 +117,7 @@ class Sets:
         each.followers = {}
         for place, packet in enumerate(packets):
             self.channel.at(packet.start, START, self.begin, each, packets, place)
-        self.channel.at(end, OVER, self.over, each, now + self.channel.settings.broadcast.interval)
+        self.channel.at(end, OVER, self.over, each, max(end, now + self.channel.settings.broadcast.interval))
 
     def begin(self, each: Set, packets: list[Packet], place: int) -> None:
         """Put a packet on the air."""

@@ -60,6 +60,7 @@ class Beacon:
         """Advertise from now on, first *after* a while of its own clock."""
         if self.advertiser is None:
             first, air_time = self._clock.local(now) + after, LE_1M.air_time(len(self.pdu) - HEADER_OCTETS)
+            first += self._clock.at_local(first) < now  # a local time may last two ns: it is to begin now or later
             draws = self._draws(self._begun)
             self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws)
             self.since, self._begun = now, self._begun + 1
