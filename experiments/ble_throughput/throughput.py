@@ -15,10 +15,9 @@ from cosim.channels.ble.bits.errors import SENSITIVITY_G, bit_error_rate, least_
 from cosim.channels.ble.bits.l2cap import HEADER_OCTETS
 from cosim.channels.ble.channel import BleChannel
 from cosim.channels.ble.connections.exchange import exchange_time
-from cosim.channels.ble.device import LINK_PHYS
 from cosim.channels.ble.phy import Phy
 from cosim.channels.ble.session import NOTIFICATION
-from cosim.channels.ble.settings import BleSettings, ConnectionSettings, PhyName
+from cosim.channels.ble.settings import LINK_PHYS, BleSettings, ConnectionSettings, PhyName
 from cosim.channels.propagation import PropagationSettings
 from cosim.errors import CosimError
 from cosim.experiment import experiment_function
@@ -164,7 +163,7 @@ def acknowledged(count: int, down: tuple[float, float], up: tuple[float, float],
 
 def phy_of(given: Parameters) -> Phy:
     """Return the PHY of the link."""
-    return LINK_PHYS[given.phy][0]
+    return LINK_PHYS[given.phy]
 
 
 def delivered_within(given: Parameters, duration: Time, seed: int) -> tuple[int, bool]:

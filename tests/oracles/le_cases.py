@@ -111,12 +111,12 @@ def draw_connection(choice: Choice) -> dict[str, Any]:
     least = 2 * (1 + latency) * units * PARTS_MS + 10
     supervision_ms = max(100, 10 * int(least / 10 + 1), pick(choice, (100, 500, 1_000, 1_000)))
     phy = pick(choice, ("1M", "1M", "2M", "coded"))
-    most = units if phy != "coded" else 5 * units // 7  # a poll and its answer are to fit into a part
+    most = units if phy != "coded" else 1_250 * units // 5_198  # 27 octets each way are to fit into a part
     return {
         "interval_s": units * PARTS_MS / 1000,
         "latency": latency,
         "supervision_s": supervision_ms / 1000,
-        "links": pick(choice, (1, 2, 3, min(8, most), most)),
+        "links": min(most, pick(choice, (1, 2, 3, min(8, most), most))),
         "phy": phy,
         "octets": pick(choice, (27, 251, 251, choice.integer(27, 251))),
     }

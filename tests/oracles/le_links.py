@@ -50,7 +50,7 @@ class Links:
     def free_part(self, device: Device) -> int | None:
         """Return the lowest part of the interval that no link of the central *device* has."""
         used = {session.part for session, side in device.links.values() if side is Side.CENTRAL}
-        return next((part for part in range(self.channel.settings.connection.links) if part not in used), None)
+        return next((part for part in range(self.channel.settings.connection.parts) if part not in used), None)
 
     def draw(self, device: Device) -> tuple[int, int, int]:
         """Draw access address, CRCInit and hop increment."""
@@ -64,7 +64,7 @@ class Links:
         part = self.free_part(central)
         assert part is not None
         earliest = central.clock.local(now) + UNIT
-        begins = part * (settings.interval // settings.links)
+        begins = part * (settings.interval // settings.parts)
         anchor = begins - (begins - earliest) // settings.interval * settings.interval
         offset = (anchor - earliest) // UNIT * UNIT
         address, crc_init, hop = drawn
@@ -268,7 +268,7 @@ class Links:
     def longest(self, session: Session, side: Side) -> int:
         """Return the longest payload of a packet that is agreed on and fits into a part of the interval."""
         settings = self.channel.settings.connection
-        part = settings.interval // settings.links
+        part = settings.interval // settings.parts
         end = session.link.ends[side]
         in_use = {*end.phys, PHYS[settings.phy][1]}
         phy = min(in_use, key=lambda each: SPEED[each])

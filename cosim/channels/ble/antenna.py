@@ -5,10 +5,12 @@ which has what is left.
 """
 
 from collections import deque
-from typing import Protocol
+from typing import Final, NamedTuple, Protocol
 
 from cosim.channels.ble.ether import LOOKBACK
 from cosim.units import Time
+
+_EVER: Final[Time] = 1 << 62
 
 
 class Claim(Protocol):
@@ -18,26 +20,61 @@ class Claim(Protocol):
         """Return the end of what it does in [start, end), of the last such if there are several; None for nothing."""
 
 
+class _Claimed(NamedTuple):
+    """A claim, and since when, and up to when, it was one."""
+
+    claim: Claim
+    since: Time
+    until: Time = _EVER
+
+
 class Antenna:
-    """The antenna of one device; *claims* are its links."""
+    """The antenna of one device."""
 
     def __init__(self) -> None:
-        self.claims: list[Claim] = []
-        self._booked: deque[tuple[Time, Time, object]] = deque()
+        self._claims: list[_Claimed] = []
+        self._booked: deque[tuple[Time, Time, object, Time]] = deque()  # start, end, owner, when it was booked
 
-    def book(self, start: Time, end: Time, owner: object = None) -> None:
-        """Take it for [start, end)."""
-        while self._booked and self._booked[0][1] < start - 2 * LOOKBACK:  # events that are looked at last 3 ms
+    @property
+    def claims(self) -> list[Claim]:
+        """What takes it by arithmetic: its links."""
+        return [claimed.claim for claimed in self._claims if claimed.until == _EVER]
+
+    def claim(self, claim: Claim, now: Time) -> None:
+        """Have *claim* take it from *now* on."""
+        self._claims.append(_Claimed(claim, now))
+
+    def release(self, claim: Claim, now: Time) -> None:
+        """Have *claim* take it no more."""
+        kept = [each for each in self._claims if each.until > now - 2 * LOOKBACK]
+        self._claims = [
+            each._replace(until=now) if each.claim is claim and each.until == _EVER else each for each in kept
+        ]
+
+    def book(self, start: Time, end: Time, owner: object, now: Time) -> None:
+        """Take it for [start, end), as is decided *now*."""
+        while self._booked and self._booked[0][1] < now - 2 * LOOKBACK:  # events that are looked at last 3 ms
             self._booked.popleft()
-        self._booked.append((start, end, owner))
+        self._booked.append((start, end, owner, now))
 
-    def booked_until(self, start: Time, end: Time, owner: object = None) -> Time | None:
-        """Return the end of what others than *owner* have taken it for in [start, end); None if that is nothing."""
-        ends = [until for since, until, of in self._booked if since < end and until > start and of is not owner]
+    def booked_until(self, start: Time, end: Time, owner: object = None, known: Time = _EVER) -> Time | None:
+        """Return the end of what others than *owner* have taken it for in [start, end); None if that is nothing.
+
+        What was decided later than the instant *known* does not count.
+        """
+        ends = [
+            until
+            for since, until, of, made in self._booked
+            if since < end and until > start and of is not owner and made <= known
+        ]
         return max(ends, default=None)
 
-    def taken_until(self, start: Time, end: Time, owner: object = None) -> Time | None:
-        """Return the end of what others than *owner* do, or will do, in [start, end); None if it is free."""
-        ends = [self.booked_until(start, end, owner)]
-        ends += [claim.taken_until(start, end) for claim in self.claims if claim is not owner]
+    def taken_until(self, start: Time, end: Time, known: Time | None = None) -> Time | None:
+        """Return the end of what is done, or will be done, in [start, end); None if it is free.
+
+        That is what is known now, or was at the instant *known*.
+        """
+        at = _EVER - 1 if known is None else known
+        ends = [self.booked_until(start, end, None, at)]
+        ends += [each.claim.taken_until(start, end) for each in self._claims if each.since <= at < each.until]
         return max((each for each in ends if each is not None), default=None)

@@ -73,6 +73,12 @@ class Beacon:
             self._ended.append((self.advertiser, now))
             self.advertiser = None
 
+    @property
+    def runs(self) -> list[tuple[Advertiser, Time, Time]]:
+        """Its advertisers of late, each with the instants since when and up to when it begins packets."""
+        runs = [(advertiser, 0, over) for advertiser, over in self._ended]
+        return runs if self.advertiser is None else [*runs, (self.advertiser, self.since, LATER)]
+
     def packet(self, channel: int, start: Time) -> Sent:
         """Return its packet on *channel* that begins at *start*."""
         octets = len(self.pdu) - HEADER_OCTETS
@@ -80,8 +86,9 @@ class Beacon:
         return Sent(start, self._address, BROADCAST, "ADV_IND", channel, LE_1M, octets, 0, *of_link_layer)
 
     def sends(self, advertiser: Advertiser, event: Event) -> bool:
-        """Return whether it sends *event*: nothing else takes the antenna."""
-        return self._antenna.taken_until(*self._span(advertiser, event)) is None
+        """Return whether it sends *event*: nothing else takes the antenna, for all that is known as it begins."""
+        begin, end = self._span(advertiser, event)
+        return self._antenna.taken_until(begin, end, begin) is None
 
     def _span(self, advertiser: Advertiser, event: Event) -> tuple[Time, Time]:
         last = len(advertiser.channels) - 1
@@ -108,6 +115,7 @@ class Beacon:
         found = None
         for advertiser, event, over in self._events(start - _LONGEST_EVENT, end):
             begin, ends = self._span(advertiser, event)
+            ends = ends if advertiser is self.advertiser else min(ends, over)
             if begin < min(end, over) and ends > start and self.sends(advertiser, event):
                 found = ends
         return found
@@ -122,5 +130,7 @@ class Beacon:
                         yield self.packet(channel, start)
 
 
+LATER: Final[Time] = 1 << 61
+"""An instant that no run reaches."""
 _LONGEST_EVENT: Final = 3 * (LE_1M.air_time(37) + LE_1M.air_time(34) + 150_000)
 """Longest duration of an event."""

@@ -134,7 +134,7 @@ class AdvertisingSet:
             late = self._draws.below(_LONGEST_WAIT, self._number << 8 | self._event, self._tries, _WAIT)
             self._next = self._kernel.at(max(waits) + 1 + late, self._try)
             return
-        antenna.book(now, end, self)
+        antenna.book(now, end, self, now)
         self._start, self._follow = now, set()
         if self._event == 0:
             self._hosts.payloads.begin(self.outgoing, now)
@@ -191,7 +191,7 @@ class AdvertisingSet:
                 self._record.judged(packet, listener.address, judgement)
             if judgement.reception is Reception.HEARD and listener.antenna.taken_until(begin, end) is None:
                 self._follow.add(listener.address)
-                listener.antenna.book(begin, end, self)
+                listener.antenna.book(begin, end, self, self._kernel.now)
 
     def _carry(self, packet: Sent, last: bool) -> None:
         """Have those who follow take a part of the payload, and at *last* all of it."""

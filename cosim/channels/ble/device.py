@@ -28,11 +28,11 @@ from cosim.channels.ble.connections.parameters import INTERVAL_UNIT
 from cosim.channels.ble.discovery import Search
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Sent
-from cosim.channels.ble.phy import CODED_S8, HEADER_OCTETS, LE_1M, LE_2M, T_IFS, Phy
+from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M, T_IFS
 from cosim.channels.ble.scanning import ScanWindows
 from cosim.channels.ble.selection import HOP_INCREMENTS
 from cosim.channels.ble.session import Limits, Session, Terminal
-from cosim.channels.ble.settings import BleSettings, ScanSettings
+from cosim.channels.ble.settings import LINK_PHYS, BleSettings, ScanSettings
 from cosim.channels.ble.station import Station
 from cosim.channels.clock import NativeClock
 from cosim.kernel import Handle
@@ -53,11 +53,8 @@ from cosim.units import Time, from_seconds
 
 MOST_SETS: Final = 16
 """Advertising sets that a device has at once; further payloads for everyone wait."""
-LINK_PHYS: Final[dict[str, tuple[Phy, int]]] = {
-    "1M": (LE_1M, PHY_1M),
-    "2M": (LE_2M, PHY_2M),
-    "coded": (CODED_S8, PHY_CODED),
-}
+_BITS: Final = {"1M": PHY_1M, "2M": PHY_2M, "coded": PHY_CODED}
+"""Bits of the PHYs to which links can change."""
 _DELAY: Final = WINDOW_DELAYS["legacy"]
 
 
@@ -277,7 +274,7 @@ class Device:
         """Return a free part of the interval, of which each link that it is the central of has one."""
         connection = self._site.settings.connection
         taken = {session.part for session in self.links.values() if session.central == self.address}
-        return next((part for part in range(connection.links) if part not in taken), None)
+        return next((part for part in range(connection.parts) if part not in taken), None)
 
     def _connect(self, peer: Station, packet: Sent) -> None:
         """Send a CONNECT_IND to *peer*, whose advertisement has just been heard, if the antenna is free for it."""
@@ -292,7 +289,7 @@ class Device:
         )
         if self.station.antenna.taken_until(start, request.end) is not None:
             return
-        self.station.antenna.book(start, request.end, self)
+        self.station.antenna.book(start, request.end, self, self._kernel.now)
         self._ether.send(request)
         self._procedure_stops()
         self._kernel.at(request.end, lambda: self._requested(peer, request, ll_data, first, part))
@@ -311,7 +308,7 @@ class Device:
         """
         connection, parameters = self._site.settings.connection, self._site.settings.connection.parameters
         opens = self.clock.local(start + LE_1M.air_time(34)) + _DELAY
-        phase = part * (parameters.interval // connection.links)
+        phase = part * (parameters.interval // connection.parts)
         wait = (phase - opens) % parameters.interval
         offset = wait // INTERVAL_UNIT * INTERVAL_UNIT
         ll_data = LLData(
@@ -353,9 +350,9 @@ class Device:
         ppm = CLOCK_ACCURACIES_PPM[site.settings.sca]
         clocks = self.clock, site.devices[peer.address].clock
         link = Link(ll_data, self._kernel.now, clocks, ppm, start=first)
-        phy, bits = LINK_PHYS[connection.phy]
+        phy, bits = LINK_PHYS[connection.phy], _BITS[connection.phy]
         limits = Limits(
-            connection.mtu_octets, site.settings.queue_payloads, connection.interval // connection.links, phy
+            connection.mtu_octets, site.settings.queue_payloads, connection.interval // connection.parts, phy
         )
         terminals = Terminal(self.address, self.station.antenna), Terminal(peer.address, peer.antenna, gone=not heard)
         for end in link.ends:
@@ -402,7 +399,7 @@ class Device:
     # ---------------------------------------------------------------- power
 
     def switch_off(self) -> None:
-        """Forget all that is under way, and report nothing."""
+        """Forget all that is under way; of what links hold is reported that it is flushed, and nothing else."""
         self._conceal()
         self._procedures.clear()
         self._over()

@@ -5,7 +5,10 @@ nothing at all once all devices in reach are known.
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
+from cosim.channels.ble.advertising import Advertiser
+from cosim.channels.ble.beacon import LATER
 from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Sent
@@ -14,6 +17,15 @@ from cosim.channels.ble.station import Station
 from cosim.kernel import Handle
 from cosim.machine import Address
 from cosim.units import Time
+
+
+class _Candidate(NamedTuple):
+    """An advertisement that may be heard."""
+
+    end: Time
+    peer: Station
+    pdu: HeardPdu
+    advertiser: Advertiser
 
 
 class Search:
@@ -36,7 +48,7 @@ class Search:
         self._began = self._kernel.now
         self._next: Handle | None = None
         self._since: dict[Address, Time] = {}  # from when on packets of a peer have not been looked at
-        self._candidates: dict[Address, tuple[Time, Address, Station, HeardPdu]] = {}
+        self._candidates: dict[Address, _Candidate] = {}
         self.refresh()
 
     def refresh(self) -> None:
@@ -49,8 +61,8 @@ class Search:
     def _consider(self, peer: Station) -> None:
         """Find the next advertisement of *peer* that may be heard, if there will be any."""
         self._candidates.pop(peer.address, None)
-        if (pdu := self._candidate(peer)) is not None:
-            self._candidates[peer.address] = pdu.end, peer.address, peer, pdu
+        if (candidate := self._candidate(peer)) is not None:
+            self._candidates[peer.address] = candidate
 
     def _wait(self) -> None:
         """Wait for the first of the advertisements that may be heard."""
@@ -58,21 +70,26 @@ class Search:
             self._next.cancel()
             self._next = None
         if self._candidates:
-            end, _, peer, pdu = min(self._candidates.values())
-            self._next = self._kernel.at(end, lambda: self._look(peer, pdu))
+            first = min(self._candidates.values(), key=lambda candidate: (candidate.end, candidate.peer.address))
+            self._next = self._kernel.at(first.end, lambda: self._look(first))
 
-    def _candidate(self, peer: Station) -> HeardPdu | None:
-        advertiser, me = peer.beacon.advertiser, self._station.address
-        if advertiser is None or not self._wanted(peer.address) or not self._ether.notices(peer.address, me):
+    def _candidate(self, peer: Station) -> "_Candidate | None":
+        if not self._wanted(peer.address) or not self._ether.notices(peer.address, self._station.address):
             return None
-        under_way = self._kernel.now - advertiser.air_time + 1  # it has begun and is not over
-        since = max(self._since.get(peer.address, 0), peer.beacon.since, self._began, under_way)
-        return next_heard(advertiser, self._station.windows, since, LATER)
+        looked, found = max(self._since.get(peer.address, 0), self._began), []
+        for advertiser, begun, over in peer.beacon.runs:
+            under_way = self._kernel.now - advertiser.air_time + 1  # it has begun and is not over
+            until = min(LATER, over + advertiser.air_time)
+            pdu = next_heard(advertiser, self._station.windows, max(looked, begun, under_way), until)
+            if pdu is not None and pdu.start < over:
+                found.append(_Candidate(pdu.end, peer, pdu, advertiser))
+        return min(found, key=lambda candidate: candidate.end, default=None)
 
-    def _look(self, peer: Station, pdu: HeardPdu) -> None:
+    def _look(self, candidate: "_Candidate") -> None:
+        _, peer, pdu, advertiser = candidate
         self._since[peer.address] = pdu.start + 1
         packet = peer.beacon.packet(pdu.channel, pdu.start)
-        sent = peer.beacon.taken_until(pdu.start, pdu.end) is not None
+        sent = peer.beacon.sends(advertiser, advertiser.event_from(pdu.start))
         if sent and self._station.is_free(pdu.start, pdu.end):
             judgement = self._ether.judge(packet, self._station.address)
             if self._record.wanted:
@@ -89,7 +106,3 @@ class Search:
         if self._next is not None:
             self._next.cancel()
         self._next, self._peers, self._candidates = None, (), {}
-
-
-LATER: Time = 1 << 61
-"""A time that no run reaches."""

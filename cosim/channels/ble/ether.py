@@ -61,8 +61,6 @@ class Sent:
     pdu: bytes = b""
     again: bool = False
     """True if its payload has been on the air before."""
-    powers_dbm: Floats | None = None
-    """What each device receives of it, (n,)."""
 
     @property
     def end(self) -> Time:
@@ -118,11 +116,13 @@ class Ether:
         self._sent_dbm = np.array(sent_dbm, dtype=np.float64) if self._fading else np.zeros(size)
         self._sent_mw = elementary.exp10s(self._sent_dbm / 10.0).tolist()
         self._draws = draws
-        self._off_at: list[Time] = [-1] * size  # when each was last switched off
+        self._switched_at: list[Time] = [-1] * size  # when each was last switched on or off
         self._moved_at: Time = 0
-        self._powers_dbm = reach.power_dbm()
-        self._earlier_dbm = self._powers_dbm
+        self._powers: list[tuple[Time, Floats]] = [(-LOOKBACK, reach.power_dbm())]
+        """(since when, powers between all), of late; the last are of now unless they are stale."""
         self._stale = False
+        self._untold: list[Sent] = []
+        """What has been sent, or will be at once, and the band does not know."""
         self._asks = settings.interference == "band"
         self._told: Time = 0
         self._jammers: list[Jammer] = []
@@ -153,8 +153,6 @@ class Ether:
 
     def changed(self) -> None:
         """Note that the powers between devices are others from now on."""
-        if self._moved_at != self._kernel.now and not self._stale:
-            self._earlier_dbm = self._powers_dbm
         self._moved_at = self._kernel.now
         self._stale, self._gains_known = True, False
 
@@ -162,9 +160,16 @@ class Ether:
     def powers_dbm(self) -> Floats:
         """What each device (column) receives of each other (row) now, (n, n)."""
         if self._stale:
-            self._powers_dbm = self._reach.power_dbm()
+            while len(self._powers) > 1 and self._powers[1][0] <= self._moved_at - LOOKBACK:
+                del self._powers[0]
+            self._powers.append((self._moved_at, self._reach.power_dbm()))
             self._stale = False
-        return self._powers_dbm
+        return self._powers[-1][1]
+
+    def _powers_at(self, time: Time) -> Floats:
+        """Return the powers of an instant of late."""
+        now = self.powers_dbm
+        return next((powers for since, powers in reversed(self._powers) if since <= time), now)
 
     def hears(self, sender: Address, receiver: Address) -> bool:
         """Return whether *receiver* receives *sender* with its sensitivity, or more, and both are on."""
@@ -189,12 +194,10 @@ class Ether:
 
     def send(self, packet: Sent) -> None:
         """Put *packet*, which begins now or soon, on the air."""
-        packet.powers_dbm = self.powers_dbm[packet.source]
         self.sent += packet.length > 0
         self._on_air = [*self.on_air(self._kernel.now), packet]
         if self._asks:
-            self._take_gains()
-            self._tell(packet)
+            self._untold.append(packet)
 
     def on_air(self, now: Time) -> list[Sent]:
         """Return what has been sent and is not over *now*."""
@@ -202,10 +205,7 @@ class Ether:
 
     def judge(self, packet: Sent, receiver: Address) -> Judgement:
         """Return what a *receiver* that has listened to all of *packet*, which ends now, makes of it."""
-        powers = packet.powers_dbm
-        if powers is None:  # it follows from arithmetic
-            powers = (self.powers_dbm if packet.start >= self._moved_at else self._earlier_dbm)[packet.source]
-        power_dbm = float(powers[receiver])
+        power_dbm = float(self._powers_at(packet.start)[packet.source, receiver])
         if not self.was_on(packet.source, packet.start) or power_dbm < self._noticed_dbm[packet.phy.name]:
             return Judgement(Reception.MISSED, "out_of_range")
         sections = self._interference(packet, receiver)
@@ -229,13 +229,12 @@ class Ether:
 
     def was_on(self, device: Address, since: Time) -> bool:
         """Return whether *device* is on, and has been all the time *since* then."""
-        return bool(self.on[device]) and self._off_at[device] <= since
+        return bool(self.on[device]) and self._switched_at[device] <= since
 
     def switch(self, device: Address, on: bool) -> None:
         """Note that *device* is on, or off, from now on."""
         self.on[device] = on
-        if not on:
-            self._off_at[device] = self._kernel.now
+        self._switched_at[device] = self._kernel.now
 
     # ---------------------------------------------------------------- the band
 
@@ -277,7 +276,13 @@ class Ether:
     def catch_up(self, until: Time) -> None:
         """Tell the band what follows from arithmetic and begins before *until*, as far back as it can matter."""
         since, self._told = max(self._told, until - LOOKBACK), max(self._told, until)
-        if self._asks and since < until:
+        if not self._asks:
+            return
+        for packet in self._untold:
+            if packet.start < until:
+                self._tell(packet)
+        self._untold = [packet for packet in self._untold if packet.start >= until]
+        if since < until:
             for lazy in self.lazies:
                 for packet in lazy(since, until):
                     self._tell(packet)

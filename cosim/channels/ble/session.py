@@ -87,7 +87,7 @@ class Session:
         self._on_air: Sent | None = None
         for terminal in terminals:
             if not terminal.gone:
-                terminal.antenna.claims.append(self)
+                terminal.antenna.claim(self, self._kernel.now)
 
     def begin(self) -> None:
         """Begin with its events."""
@@ -285,8 +285,10 @@ class Session:
             encode_data(pdu) if self._record.wanted else b"",
             end.arq.repeats,
         )
-        sender.antenna.book(sent.start, sent.end, self)
-        receiver.antenna.book(sent.start, sent.end + T_IFS, self)
+        now = self._kernel.now
+        for terminal, until in ((sender, sent.end), (receiver, sent.end + T_IFS)):
+            if not terminal.gone:
+                terminal.antenna.book(sent.start, until, self, now)
         if sent.start >= self._kernel.now:  # else it has been sent while the link was at rest
             self._ether.send(sent)
         if sender.queue and not empty and not end.arq.repeats and pdu.llid is Llid.START:
@@ -357,8 +359,11 @@ class Session:
         """Be there when an end would give the link up."""
         ends = zip(Side, self.terminals, strict=True)
         deadlines = [self.link.deadline(side) for side, terminal in ends if not terminal.gone]
-        if self._watch is None and deadlines:
-            self._watch = self._kernel.at(max(min(deadlines), self._kernel.now), self._watched)
+        if not deadlines or (self._watch is not None and self._watch.time <= min(deadlines)):
+            return
+        if self._watch is not None:
+            self._watch.cancel()
+        self._watch = self._kernel.at(max(min(deadlines), self._kernel.now), self._watched)
 
     def _watched(self) -> None:
         self._watch = None
@@ -379,7 +384,7 @@ class Session:
         """Give up what the end *side* holds."""
         terminal = self.terminals[side]
         terminal.gone = True
-        terminal.antenna.claims.remove(self)
+        terminal.antenna.release(self, self._kernel.now)
         self._lost(terminal.address, self.terminals[1 - side].address)
         while terminal.queue:
             outgoing, _ = terminal.queue.popleft()

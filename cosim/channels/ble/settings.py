@@ -1,22 +1,33 @@
 """Parameters of the Bluetooth Low Energy channel in a scenario."""
 
-from typing import Literal, Self
+from typing import Final, Literal, Self
 
 from pydantic import Field, model_validator
 
 from cosim.channels.ble.advertising import LONGEST_DELAY
+from cosim.channels.ble.bits.l2cap import LEAST_OCTETS
 from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM
+from cosim.channels.ble.connections.exchange import exchange_time
 from cosim.channels.ble.connections.parameters import ConnectionParameters
+from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, Phy
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.errors import UserError
 from cosim.settings import Count, Decibels, Metres, Seconds, Settings, error_at
 from cosim.units import MS, US, Time, from_seconds
 
-UNIT: Time = 625 * US
+UNIT: Final[Time] = 625 * US
 """Unit of advertising and scan intervals and of scan windows."""
 PhyName = Literal["1M", "2M", "coded"]
 Interference = Literal["none", "band"]
+
+
+LINK_PHYS: Final[dict[str, Phy]] = {"1M": LE_1M, "2M": LE_2M, "coded": CODED_S8}
+"""PHYs to which links can change, by their names."""
+LEAST_PART: Final[Time] = 1_250 * US
+"""Least part of an interval that a link has on any PHY."""
+MOST_LINKS: Final = 8
+"""Links that a central holds at most if a scenario does not say how many."""
 
 
 def _in_units(settings: Settings, name: str, low_ms: float, high_ms: float) -> Time:
@@ -96,8 +107,11 @@ class ConnectionSettings(Settings):
         default=0, description="events in a row that a peripheral with nothing to send may leave out"
     )
     supervision_s: Seconds = Field(default=4.0, gt=0, description="s without a packet until a link is taken for lost")
-    links: Count = Field(
-        default=8, ge=1, description="links that a central holds at most; each has its part of the interval"
+    links: Count | None = Field(
+        default=None,
+        ge=1,
+        description="links that a central holds at most, each with its part of the interval; 8, or as many as fit, if "
+        "not given",
     )
     phy: PhyName = Field(default="1M", description="PHY to which links change as they come up")
     octets: Count = Field(default=251, ge=27, le=251, description="longest payload of a packet, agreed on after 27")
@@ -111,8 +125,10 @@ class ConnectionSettings(Settings):
             interval = self.parameters.interval
         except UserError as error:
             raise error_at((), self.interval_s, str(error)) from None
-        if interval // self.links < LEAST_PART:
-            most = interval // LEAST_PART
+        most = interval // self.least_part
+        if not most:
+            raise error_at(("interval_s",), self.interval_s, f"s is too short for a link on {self.phy}")
+        if self.links is not None and self.links > most:
             raise error_at(("links",), self.links, f"links do not fit into {interval / MS:g} ms, at most {most} do")
         return self
 
@@ -122,13 +138,20 @@ class ConnectionSettings(Settings):
         return from_seconds(self.interval_s)
 
     @property
+    def least_part(self) -> Time:
+        """The least part of an interval that a link has, ns: the shortest packets, one each way, on either PHY."""
+        phys = LE_1M, LINK_PHYS[self.phy]
+        return max(LEAST_PART, *(exchange_time(phy, LEAST_OCTETS, phy, LEAST_OCTETS) + 2 * US for phy in phys))
+
+    @property
+    def parts(self) -> int:
+        """The number of parts of an interval, and thus of the links that a central holds at most."""
+        return self.links or min(MOST_LINKS, self.interval // self.least_part)
+
+    @property
     def parameters(self) -> ConnectionParameters:
         """The parameters of each link; UserError for what the specification does not allow."""
         return ConnectionParameters(from_seconds(self.interval_s), self.latency, from_seconds(self.supervision_s))
-
-
-LEAST_PART: Time = 1_250 * US
-"""Least part of an interval that a link has: a poll and its answer take 460 us on LE 1M."""
 
 
 class BleSettings(ChannelSettings):

@@ -26,7 +26,7 @@ SPEC: Final = ChannelSpec(
     BleSettings,
     _made,
     lambda settings: None if settings.propagation is None else "power_dbm",
-    lambda settings: settings.connection.links,
+    lambda settings: settings.connection.parts,
     _payload_bytes,
     lambda settings: False,  # a device is in all of its piconets, whose events are at other times
 )

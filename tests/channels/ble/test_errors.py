@@ -69,7 +69,6 @@ def test_receivers_lose_as_many_packets_as_the_law_says(phy: Phy) -> None:
     made = []
     for turn in range(count):
         packet.start = turn * 10 * MS
-        packet.powers_dbm = ether.powers_dbm[0]
         made.append(ether.judge(packet, 1).reception)
     header, payload = 0.999**48, 0.999 ** (8 * 40)
     for reception, share in (
