@@ -14,13 +14,13 @@ class Look(NamedTuple):
 
 
 LOOKS: Final[dict[str, Look]] = {
-    "ID": Look("#f8d48a", "#000000"),
-    "FHS": Look("#e69f00", "#000000"),
+    **dict.fromkeys(("ID", "ADV_IND", "ADV_EXT_IND"), Look("#f8d48a", "#000000")),
+    **dict.fromkeys(("FHS", "CONNECT_IND", "CONTROL"), Look("#e69f00", "#000000")),
     "POLL": Look("#b0b0b0", "#000000"),
-    "NULL": Look("#ebebeb", "#000000"),
+    **dict.fromkeys(("NULL", "EMPTY"), Look("#ebebeb", "#000000")),
     **dict.fromkeys(("DM1", "DM3", "DM5", "DATA", "frame"), Look("#0072b2", "#ffffff")),
     **dict.fromkeys(("DH1", "DH3", "DH5", "AUX1"), Look("#00436a", "#ffffff")),
-    **dict.fromkeys(("HV1", "HV2", "HV3"), Look("#cc79a7", "#000000")),
+    **dict.fromkeys(("HV1", "HV2", "HV3", "AUX_ADV_IND", "AUX_CHAIN_IND"), Look("#cc79a7", "#000000")),
     "RTS": Look("#4f9d7d", "#000000"),
     "CTS": Look("#93c9b1", "#000000"),
     "ACK": Look("#d9efe4", "#000000"),
@@ -33,12 +33,12 @@ OTHER: Final = Look("#009e73", "#ffffff")
 LOST_HATCH: Final = "xxxxx"
 """Pattern of a frame that was lost: what colour alone would not tell."""
 _STATES: Final[dict[str, str]] = {
-    **dict.fromkeys(("inquiry", "page"), "#fbd9a0"),
+    **dict.fromkeys(("inquiry", "page", "scanning", "initiating"), "#fbd9a0"),
     **dict.fromkeys(("inquiry_scan", "page_scan"), "#d6e9f5"),
     **dict.fromkeys(("inquiry_response", "page_response"), "#f4b183"),
     **dict.fromkeys(("inquiry_backoff", "backoff"), "#f0eccb"),
-    **dict.fromkeys(("master", "link"), "#a8d5ba"),
-    "slave": "#d3ecdc",
+    **dict.fromkeys(("master", "central", "link"), "#a8d5ba"),
+    **dict.fromkeys(("slave", "peripheral"), "#d3ecdc"),
     "route": "#d9cbe8",
     "busy": "#cccccc",
     "NAV": "#a9bcd8",
