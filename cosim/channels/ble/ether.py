@@ -32,7 +32,7 @@ from cosim.channels.reach import Disc, Fading
 from cosim.kernel import Kernel
 from cosim.machine import Address
 from cosim.randomness import Draws
-from cosim.units import MS, Time
+from cosim.units import MS, US, Time
 
 _ANY_DBM: Final = -1e300
 """What everything that is received at all has more of."""
@@ -84,6 +84,8 @@ class Judgement(NamedTuple):
     sinr_db: float | None = None
 
 
+SHORT_PACKETS: Final[Time] = 1_100 * US
+"""Time of an advertisement that is being received, and of what follows from arithmetic and was on the air before it."""
 Lazy: TypeAlias = Callable[[Time, Time], Iterable[Sent]]
 """(since, until) -> what follows from arithmetic and begins in [since, until)."""
 
@@ -242,7 +244,8 @@ class Ether:
         if not self._asks:
             return [Section(packet.start, packet.end, 0.0)]
         self._take_gains()
-        self.catch_up(packet.end)
+        oldest = min((each.start for each in self.on_air(self._kernel.now - 1)), default=packet.start)
+        self._catch_up(packet.end, min(oldest, packet.start) - SHORT_PACKETS)
         tuning = Tuning(_kind(packet.phy), 2 * packet.centre_mhz, receiver)
         wanted = Wanted(self._tenant, packet.source)
         return self._band.interference(tuning, packet.start, packet.end, wanted)
@@ -274,8 +277,12 @@ class Ether:
         return self._kernel.now - LOOKBACK
 
     def catch_up(self, until: Time) -> None:
-        """Tell the band what follows from arithmetic and begins before *until*, as far back as it can matter."""
-        since, self._told = max(self._told, until - LOOKBACK), max(self._told, until)
+        """Tell the band what begins before *until*: of what follows from arithmetic, as far back as it can matter."""
+        self._catch_up(until, until - LOOKBACK)
+
+    def _catch_up(self, until: Time, since: Time) -> None:
+        """Catch up to *until*: nobody asks for times before *since* any more."""
+        since, self._told = max(self._told, since), max(self._told, until)
         if not self._asks:
             return
         for packet in self._untold:
