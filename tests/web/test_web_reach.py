@@ -8,7 +8,7 @@ import pytest
 
 from cosim.web.server import VIEW
 from tests.protocols.deployment.operator.page.consoles import Consoles, Still
-from tests.protocols.deployment.operator.page.hand import PAGE, choose, playing, ready, tailoring, until
+from tests.protocols.deployment.operator.page.hand import PAGE, choose, playing, ready, settled, tailoring, until
 from tests.tiers import each_value
 from tests.web.browser import GRAVE, LABELS, Browser, axe, tab
 from tests.web.served import Served
@@ -195,5 +195,5 @@ def test_the_floor_is_magnified_and_moved_by_keys_that_time_does_not_take(opened
     assert places(opened) == whole
     assert still.wishes == []
     opened.keyboard.press("ArrowRight")
-    opened.wait_for_timeout(100)
+    settled(opened, lambda: len(still.wishes), 1)
     assert [wish.say for wish in still.wishes] == ["step"]

@@ -1,5 +1,6 @@
 """What the tests of the playbook page do again and again, as a person would."""
 
+from collections.abc import Callable
 from typing import Any
 
 from protocols.deployment.operator.page import PAGE as PLAYBOOK
@@ -50,6 +51,15 @@ def until(page: Any, condition: str, seconds: float = 90) -> None:
         page.wait_for_function(f"() => {condition}", timeout=1000 * seconds)
     except LateError as error:
         raise AssertionError(f"{condition} does not hold after {seconds} s: {page.evaluate(SHOWN)}") from error
+
+
+def settled(page: Any, count: Callable[[], int], wanted: int, seconds: float = 10) -> None:
+    """Wait until what a page has sent has come, *wanted* of it, and a little longer, in which no more is to come."""
+    for _ in range(round(20 * seconds)):
+        if count() >= wanted:
+            break
+        page.wait_for_timeout(50)
+    page.wait_for_timeout(100)
 
 
 def tailoring(page: Any) -> None:

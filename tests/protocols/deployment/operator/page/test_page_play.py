@@ -10,7 +10,16 @@ import pytest
 from cosim.errors import UserError
 from cosim.web.messages import Plain
 from tests.protocols.deployment.operator.page.consoles import Consoles, Still
-from tests.protocols.deployment.operator.page.hand import PAGE, choose, focused, playing, ready, tailoring, until
+from tests.protocols.deployment.operator.page.hand import (
+    PAGE,
+    choose,
+    focused,
+    playing,
+    ready,
+    settled,
+    tailoring,
+    until,
+)
 from tests.web.browser import LABELS, Browser, pixels, tab
 from tests.web.served import Served
 
@@ -74,7 +83,7 @@ def test_the_strategy_is_switched_and_tasks_are_terminated(page: Any, consoles: 
     page.locator("#tasks li[data-id='group/stage-2'] > .row").click()
     assert page.inner_text("#terminate") == "Terminate stage-2"
     page.click("#terminate")
-    page.wait_for_timeout(200)
+    settled(page, lambda: len(consoles.said("terminate")), 2)
     assert [said["task"] for said in consoles.said("terminate")] == ["", "group/stage-2"]
 
 
@@ -88,7 +97,7 @@ def test_a_deployment_that_is_played_can_go_on_by_another_strategy(page: Any, st
     until(page, "document.getElementById('strategy').value === 'wave'")
     page.select_option("#strategy", "leap_frog")
     page.click("#switch")
-    page.wait_for_timeout(200)
+    settled(page, lambda: len(consoles.said("switch")), 1)
     assert [said["strategy"] for said in consoles.said("switch")] == ["leap_frog"]
     assert pixels(page, "robot-2") - before > 45  # its place is two rings; one of them has about 30
 
@@ -279,7 +288,7 @@ def test_a_run_that_is_busy_says_so_and_can_be_paused(page: Any, still: Still):
     until(page, "document.getElementById('state').textContent === 'busy'")
     page.click("#play")
     until(page, "document.getElementById('play').ariaLabel === 'Pause'")
-    page.wait_for_timeout(100)
+    settled(page, lambda: len(still.wishes), 1)
     assert [wish.say for wish in still.wishes] == ["pause"]
 
 
