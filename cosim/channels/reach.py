@@ -1,14 +1,21 @@
 """Powers with which devices receive each other, by where they are: a plain disc, or a law of propagation with walls."""
 
 from collections.abc import Sequence
+from typing import Final, TypeAlias
 
 import numpy as np
 
 from cosim.arrays import Bools, Floats
 from cosim.channels.base import Positions
 from cosim.channels.jamming import Jammer
-from cosim.channels.propagation import Barrier, Propagation
+from cosim.channels.propagation import Barrier, Propagation, PropagationSettings
+from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.jit import njit
+from cosim.randomness import Draws
+
+Floor: TypeAlias = tuple[SegmentGrid, Floats]
+"""The walls, and the loss of each in dB."""
+NO_WALLS: Final[Floor] = (segment_grid(np.empty((0, 4))), np.empty(0))
 
 
 class Disc:
@@ -73,6 +80,18 @@ class Fading:
         count = len(self._positions_m)
         power: Floats = np.array([jammer.power_dbm for jammer in jammers])[:, None] + gains[count:, :count]
         return power
+
+
+def reach_of(
+    range_m: float | None, law: PropagationSettings | None, sent_dbm: Sequence[float], floor: Floor | None, draws: Draws
+) -> Disc | Fading:
+    """Return how devices that send with *sent_dbm* receive each other: by *law*, on a *floor*, or else in a disc.
+
+    *draws* decide the shadowing.
+    """
+    if law is None:
+        return Disc(len(sent_dbm), range_m)
+    return Fading(np.array(sent_dbm, dtype=np.float64), Propagation(law, *(floor or NO_WALLS), draws))
 
 
 @njit(cache=True, borrows=True)

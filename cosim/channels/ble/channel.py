@@ -5,11 +5,7 @@ it; one for everyone goes to all that listen, links or not.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Final, TypeAlias
 
-import numpy as np
-
-from cosim.arrays import Floats
 from cosim.channels.base import Channel, Flying, Positions
 from cosim.channels.ble.device import Device, Site
 from cosim.channels.ble.environment import Environment
@@ -18,10 +14,9 @@ from cosim.channels.ble.hosts import Hosts, Record
 from cosim.channels.ble.session import Session
 from cosim.channels.ble.settings import BleSettings
 from cosim.channels.jamming import Jammer
-from cosim.channels.propagation import Barrier, Propagation
-from cosim.channels.reach import Disc, Fading
+from cosim.channels.propagation import Barrier
+from cosim.channels.reach import Disc, Floor, reach_of
 from cosim.errors import UserError
-from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import Kernel
 from cosim.machine import (
     BROADCAST,
@@ -49,10 +44,6 @@ from cosim.randomness import Streams
 from cosim.trace import Trace
 from cosim.units import Time
 
-Floor: TypeAlias = tuple[SegmentGrid, Floats]
-"""The walls, and the loss of each in dB."""
-NO_WALLS: Final[Floor] = (segment_grid(np.empty((0, 4))), np.empty(0))
-
 
 class BleChannel(Channel):
     """All devices of a run. Their draws depend only on the streams "ble", purpose, address."""
@@ -75,11 +66,8 @@ class BleChannel(Channel):
         super().__init__(kernel, trace, size)
         self.settings = settings
         sent_dbm = [settings.power_dbm if own is None else own for own in powers_dbm or [None] * size]
-        self._reach: Disc | Fading = Disc(size, settings.range_m)
-        if settings.propagation is not None:
-            walls, losses_db = floor or NO_WALLS
-            propagation = Propagation(settings.propagation, walls, losses_db, streams.draws("ble", "shadowing"))
-            self._reach = Fading(np.array(sent_dbm, dtype=np.float64), propagation)
+        shadowing = streams.draws("ble", "shadowing")
+        self._reach = reach_of(settings.range_m, settings.propagation, sent_dbm, floor, shadowing)
         self._ether = Ether(settings, kernel, self._reach, sent_dbm, streams.draws("ble", "errors"))
         self._record = Record(trace)
         self._hosts = Hosts(kernel, self.deliver, self.note_unsent, self.payloads, self.intervals)

@@ -40,6 +40,9 @@ LOOKBACK: Final[Time] = 18 * MS
 """Time before an instant in which what is on the air at that instant began (17.04 ms), and what follows from arithmetic
 and was on the air when it did (0.72 ms)."""
 
+SHORT_PACKETS: Final[Time] = 1_100 * US
+"""Time of an advertisement that is being received, and of what follows from arithmetic and was on the air before it."""
+
 
 @dataclass(slots=True)
 class Sent:
@@ -84,8 +87,6 @@ class Judgement(NamedTuple):
     sinr_db: float | None = None
 
 
-SHORT_PACKETS: Final[Time] = 1_100 * US
-"""Time of an advertisement that is being received, and of what follows from arithmetic and was on the air before it."""
 Lazy: TypeAlias = Callable[[Time, Time], Iterable[Sent]]
 """(since, until) -> what follows from arithmetic and begins in [since, until)."""
 

@@ -21,7 +21,6 @@ UNIT: Final[Time] = 625 * US
 PhyName = Literal["1M", "2M", "coded"]
 Interference = Literal["none", "band"]
 
-
 LINK_PHYS: Final[dict[str, Phy]] = {"1M": LE_1M, "2M": LE_2M, "coded": CODED_S8}
 """PHYs to which links can change, by their names."""
 LEAST_PART: Final[Time] = 1_250 * US
@@ -81,22 +80,12 @@ class AdvertiseSettings(Settings):
         return from_seconds(self.interval_s)
 
 
-class BroadcastSettings(Settings):
+class BroadcastSettings(AdvertiseSettings):
     """How payloads for everyone are sent: by extended advertising, each as a set of its own."""
 
     events: Count = Field(default=3, ge=1, le=255, description="advertising events in which a payload is sent")
     interval_s: Seconds = Field(default=0.02, gt=0, description="s from one of them to the next, as of advertising")
     phy: PhyName = Field(default="1M", description="PHY of the packets that carry the payload")
-
-    @model_validator(mode="after")
-    def _sound(self) -> Self:
-        _in_units(self, "interval_s", 20, 10_240)
-        return self
-
-    @property
-    def interval(self) -> Time:
-        """The advInterval in ns."""
-        return from_seconds(self.interval_s)
 
 
 class ConnectionSettings(Settings):

@@ -6,12 +6,11 @@ instant first, so that what they compute later than it happens is computed with 
 
 from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
 import cosim.elementary as elementary
-from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Flying, Positions
 from cosim.channels.bluetooth.controller import Controller
 from cosim.channels.bluetooth.hopping import NARROW
@@ -26,10 +25,9 @@ from cosim.channels.bluetooth.transport import Transport
 from cosim.channels.clock import NativeClock
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
-from cosim.channels.propagation import Barrier, Propagation
-from cosim.channels.reach import Disc, Fading
+from cosim.channels.propagation import Barrier
+from cosim.channels.reach import Disc, Floor, reach_of
 from cosim.errors import LocalProtocolError, UserError
-from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.intervals import Interval
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import (
@@ -55,9 +53,6 @@ from cosim.randomness import Streams
 from cosim.trace import CALLS, FRAMES, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import TICK, Time, to_seconds
 
-Floor: TypeAlias = tuple[SegmentGrid, Floats]
-"""The walls, and the loss of each in dB."""
-NO_WALLS: Final[Floor] = (segment_grid(np.empty((0, 4))), np.empty(0))
 CALL_DEPTH: Final = 4
 """Depth of the topmost call of Bluetooth in the table of calls: four layers of a protocol lie above it."""
 
@@ -90,7 +85,9 @@ class BluetoothChannel(Channel):
         self.settings = settings
         self._on = np.ones(size, dtype=np.bool_)
         self._all_on = True
-        self._reach = _reach(settings, size, streams, floor, power_classes)
+        powers_dbm = [POWER_DBM[own or settings.power_class] for own in power_classes or [None] * size]
+        shadowing = streams.draws("bluetooth", "shadowing")
+        self._reach = reach_of(settings.range_m, settings.propagation, powers_dbm, floor, shadowing)
         self._calls_wanted = trace.wants(CALLS)
         self._courses = Courses(self.intervals)
         self._switched_off: list[Time] = [-1] * size  # when each was last
@@ -326,14 +323,3 @@ class BluetoothChannel(Channel):
         on_lost = partial(self._lost, device.address)
         piconet = Piconet(radio, settings.piconet, self._deliver, on_lost, self._transport)
         device.equip(piconet, inquiry_scanner, page_scanner)
-
-
-def _reach(
-    settings: BluetoothSettings, size: int, streams: Streams, floor: Floor | None, power_classes: Sequence[int | None]
-) -> Disc | Fading:
-    if settings.propagation is None:
-        return Disc(size, settings.range_m)
-    classes = [own or settings.power_class for own in power_classes or [None] * size]
-    walls, losses_db = floor or NO_WALLS
-    propagation = Propagation(settings.propagation, walls, losses_db, streams.draws("bluetooth", "shadowing"))
-    return Fading(np.array([POWER_DBM[number] for number in classes]), propagation)
