@@ -12,7 +12,9 @@ from pydantic import BeforeValidator, SerializeAsAny, ValidationError
 from pydantic_core import InitErrorDetails
 
 from cosim.arrays import Floats
+from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Channel
+from cosim.channels.propagation import PropagationSettings
 from cosim.geometry.segments import PackedWalls, SegmentGrid
 from cosim.installed import find_installed, installed_names
 from cosim.kernel import Kernel
@@ -54,6 +56,8 @@ class ChannelSite(NamedTuple):
     """How far each robot is heard; None where the channel decides."""
     power_classes: Sequence[int | None]
     """Power class of each robot's radio; None where the channel decides."""
+    air: SharedAir | None = None
+    """The air that the channel shares with others of the run; None if they do not hear each other."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,13 @@ class ChannelSpec:
     """(settings) -> the longest payloads that are carried."""
     shares: Callable[[Any], bool] = lambda settings: True
     """(settings) -> False if links have times of their own, and ``Share`` divides no radio's time among piconets."""
+    fades: Callable[[Any], PropagationSettings | None] | None = None
+    """(settings) -> how its signals fade, None if they do not; None for radios that cannot share the air with others.
+
+    Raise ValueError for settings with which they cannot.
+    """
+    listens: bool = False
+    """True if its radios listen before they talk: no two channels of that kind share the air."""
 
 
 def channel_kinds() -> list[str]:

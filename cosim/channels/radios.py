@@ -1,4 +1,4 @@
-"""Several radios for each robot: channels side by side that are independent, as if each had a band of its own.
+"""Several radios for each robot: channels side by side, in bands of their own, or in one air in which all hear all.
 
 Not every robot has all of them. A radio that a robot does not have is a device that is always switched off: it neither
 sends nor hears, and no robot has it in reach.
@@ -6,19 +6,23 @@ sends nor hears, and no robot has it in reach.
 Each radio has links of its own: it carries out the link commands that name it, and link events name the radio that they
 come from. A host learns by another radio than the first only of links that were made by it: what has none, such as the
 ideal channel, reports every device that is switched off as lost, which radio 0 does for all. Radio 0 behaves as if it
-were the only one: it draws from the same streams, and the others from streams of their own. A robot's radios do not
-disturb each other, and work at the same time.
+were the only one: it draws from the same streams, and the others from streams of their own.
+
+With ``air: apart`` radios of different numbers know nothing of each other. With ``air: shared`` all are in the band of
+2.4 GHz, and what one sends disturbs the others, by one law of propagation, as far as the spectra overlap. A robot's own
+radios are as far from each other as their isolation says. They work at the same time: nothing arbitrates.
 """
 
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
+from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Channel, Endpoint, Flying, Positions
 from cosim.channels.kinds import (
     ChannelSettings,
@@ -28,6 +32,7 @@ from cosim.channels.kinds import (
     channel_settings,
     channel_spec,
 )
+from cosim.channels.propagation import Propagation, PropagationSettings
 from cosim.errors import LocalProtocolError
 from cosim.intervals import Interval
 from cosim.kernel import Kernel
@@ -35,7 +40,7 @@ from cosim.machine import Address, Connected, LinkCommand, LinkEvent, Lost, Outc
 from cosim.payloads import HeldRow
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
-from cosim.settings import error_at
+from cosim.settings import Decibels, error_at
 from cosim.trace import FRAMES, INTERVALS, PAYLOADS, RECEPTIONS, TRANSMISSIONS, UNSENT, Table, Trace
 from cosim.trace import Field as Column
 from cosim.units import Time
@@ -64,12 +69,47 @@ class RadiosSettings(ChannelSettings):
         description="the channels of radio 0, 1 and so on; which robot has which stands in the team"
     )
 
+    air: Literal["apart", "shared"] = Field(
+        default="apart", description="whether radios of different numbers hear each other: not at all, or as they do"
+    )
+    isolation_db: Decibels = Field(
+        default=20.0, ge=0, description="dB between the antennas of a robot's radios, where the air is shared"
+    )
+
     @field_validator("radios")
     @classmethod
     def _not_none(cls, radios: tuple[ChannelSettings, ...]) -> tuple[ChannelSettings, ...]:
         if not radios:  # a length among the field's own bounds would be missed also where one of the radios is wrong
             raise ValueError("is empty, expected a channel for each radio")
         return radios
+
+    @model_validator(mode="after")
+    def _can_share(self) -> Self:
+        if self.air == "shared":
+            laws = [_law(radio, each) for radio, each in enumerate(self.radios)]
+            for radio, law in enumerate(laws):
+                if law != laws[0]:
+                    raise error_at(("radios", radio, "propagation"), law, "is not that of radio 0: the air is shared")
+            listeners = [radio for radio, each in enumerate(self.radios) if channel_spec(each.kind).listens]
+            if len(listeners) > 1:
+                place = "radios", listeners[1], "kind"
+                raise error_at(place, self.radios[listeners[1]].kind, "shares no air with another one of its kind")
+        return self
+
+
+def _law(radio: int, settings: ChannelSettings) -> PropagationSettings:
+    """Return how the signals of *radio* fade in an air that is shared; raise an error if they cannot."""
+    fades = channel_spec(settings.kind).fades
+    place = "radios", radio
+    if fades is None:
+        raise error_at((*place, "kind"), settings.kind, "shares no air: its radios are not those of 2.4 GHz")
+    try:
+        law = fades(settings)
+    except ValueError as error:
+        raise error_at(place, settings.kind, f"shares no air, {error}") from None
+    if law is None:
+        raise error_at((*place, "propagation"), None, "is needed where the air is shared")
+    return law
 
 
 # ---------------------------------------------------------------- what a radio's own channel is given
@@ -174,10 +214,16 @@ class RadiosChannel(Channel):
     """All radios of a run."""
 
     def __init__(
-        self, kernel: Kernel, trace: Trace, parts: Sequence[Channel], carried: Sequence[Sequence[int]]
+        self,
+        kernel: Kernel,
+        trace: Trace,
+        parts: Sequence[Channel],
+        carried: Sequence[Sequence[int]],
+        air: SharedAir | None = None,
     ) -> None:
-        """*parts* are the channels by radio, *carried* the radios that each robot has."""
+        """*parts* are the channels by radio, *carried* the radios that each robot has, *air* is what *parts* share."""
         super().__init__(kernel, trace, len(carried))
+        self._air = air
         self._parts = tuple(parts)
         self._carried = tuple(map(tuple, carried))
         self._payload_bytes = [0] * len(parts)
@@ -231,6 +277,8 @@ class RadiosChannel(Channel):
 
     def moved(self, positions_m: Positions) -> None:
         """Take the robots' new positions."""
+        if self._air is not None:
+            self._air.moved(positions_m)
         for part in self._parts:
             part.moved(positions_m)
 
@@ -289,11 +337,15 @@ class RadiosChannel(Channel):
 
 
 def _made(settings: RadiosSettings, site: ChannelSite) -> RadiosChannel:
-    parts = []
+    parts, air = [], None
+    if settings.air == "shared":
+        law, draws = _law(0, settings.radios[0]), site.streams.draws("shadowing")
+        propagation = Propagation(law, site.walls, site.wall_loss_db, draws)
+        air = SharedAir(site.kernel, site.size, propagation, settings.isolation_db)
     for radio, each in enumerate(settings.radios):
-        own = site._replace(trace=RadioTrace(site.trace, radio), streams=RadioStreams(site.streams, radio))
+        own = site._replace(trace=RadioTrace(site.trace, radio), streams=RadioStreams(site.streams, radio), air=air)
         parts.append(channel_spec(each.kind).make(each, own))
-    return RadiosChannel(site.kernel, site.trace, parts, site.carried)
+    return RadiosChannel(site.kernel, site.trace, parts, site.carried, air)
 
 
 SPEC: Final = ChannelSpec(RadiosSettings, _made)

@@ -2,7 +2,8 @@
 
 What a sender radiates comes to each receiver with the gain that held when it began. The receiver takes in the share of
 its power that the table has for the two kinds and the distance of their centres, nothing below -140 dBm, nothing of
-its own channel's sender that it listens to, and nothing that its own radio of that channel sends.
+its own channel's sender that it listens to, and nothing that its own radio of that channel sends. There is a kind, that
+of jammers, of which each channel hears its own only.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,8 +41,9 @@ class Ear(NamedTuple):
 class World:
     """Gains over time: from each instant on those between all, as ratios."""
 
-    def __init__(self, shares: Shares) -> None:
+    def __init__(self, shares: Shares, jammer: int) -> None:
         self._shares = shares
+        self._jammer = jammer
         self._gains: list[tuple[int, Sequence[Sequence[float]]]] = []
 
     def move(self, since: int, gains: Sequence[Sequence[float]]) -> None:
@@ -53,6 +55,8 @@ class World:
     def taken_mw(self, signal: Signal, ear: Ear) -> float:
         """Return the power of a signal behind the filter of a receiver."""
         if signal.system == ear.system and signal.sender in (ear.sender, ear.receiver):
+            return 0.0
+        if signal.kind == self._jammer and signal.system != ear.system:
             return 0.0
         held = [gains for since, gains in self._gains if since <= signal.begin]
         if not held:

@@ -91,7 +91,8 @@ def _has_room(network: Network, log: Log | None) -> bool:
     reports = common.told + 4 * size + 4 <= len(network.told)
     if log is not None and not has_log_room(network, log):
         return False
-    return bool(events and reports and common.free_frame != NONE)
+    begun = len(network.begun) == 0 or common.begun + size <= len(network.begun)
+    return bool(events and reports and begun and common.free_frame != NONE)
 
 
 @njit(cache=True, borrows=True)

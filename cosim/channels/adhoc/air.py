@@ -32,6 +32,10 @@ def begin(network: Network, number: int, now: Time) -> None:
         packet.begun = min(packet.begun, now)
     common.frames += 1
     common.frames_under_way += 1
+    if len(network.begun) > 0:
+        begun = network.begun[common.begun]
+        begun.begin, begun.end, begun.source = now, now + frame.form.duration, frame.source
+        common.begun += 1
     last = common.last_begun
     if last == NONE or frames[last].begin != now:  # frames that begin at one instant arrive in one event
         push(network, now + common.delay, DELIVER, ARRIVE, NONE)

@@ -22,12 +22,14 @@ from cosim.arrays import Floats, Int64s
 from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
 from cosim.channels.adhoc.mac import KINDS, Packet
+from cosim.channels.adhoc.neighbours import Neighbours
 from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.routing.base import COUNTS, Delivery, Router
-from cosim.channels.adhoc.settings import AdhocSettings, mw
+from cosim.channels.adhoc.settings import UNJAMMED, AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, FINISHED, HEARD, NEVER, NOTHING, Records, Report
-from cosim.channels.adhoc.stations import Kept, Rules, Stations, Wanted
+from cosim.channels.adhoc.stations import Begun, Kept, Rules, Stations, Wanted
 from cosim.channels.adhoc.tables import doings, receptions, transmissions
+from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Arrival, Flying, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
@@ -44,7 +46,6 @@ from cosim.units import Time, from_seconds
 
 JITTER: Final = 3
 """Purpose of the draws of the time that a host takes to hand over a payload."""
-UNJAMMED: Final = {"ofdm": "it works at 5 GHz", "fhss": "its hopping is not modelled"}
 
 
 class Handover:
@@ -100,15 +101,18 @@ class AdhocChannel(IdealChannel):
         streams: Streams,
         walls: tuple[SegmentGrid, npt.ArrayLike] | None = None,
         strengths: Sequence[float | None] = (),
+        air: SharedAir | None = None,
     ) -> None:
         """*walls* and the loss of each in dB matter if signals fade.
 
         *strengths* are the robots' own values, if not None, of ``power_dbm``, or of ``range_m`` if signals do not fade.
+        *air* is None if no radios of other kinds are heard.
         """
         super().__init__(IdealSettings(delay_s=settings.propagation_s), kernel, trace, size)
         self._settings = settings
         self._most = settings.queue_payloads
-        self._propagation = _fading(settings, walls, streams)
+        self._air = air
+        self._propagation = _fading(settings, walls, streams) if air is None else air.propagation
         self._strength = _strength(settings, strengths, size)
         self._alike = len(np.unique(self._strength)) == 1
         faintest_mw = FAINT_MW if self._propagation is None else max(FAINT_MW, settings.neglected_mw())
@@ -127,9 +131,15 @@ class AdhocChannel(IdealChannel):
             transmissions=trace.wants(TRANSMISSIONS),
             receptions=trace.wants(RECEPTIONS),
             packets=self.payloads.wanted,
+            begun=air is not None,
         )
         self._stations = Stations(size, rules, kernel, self._draws, self, wanted)
-        self._jamming = Jamming(kernel, self._jam_mw, self._stations, size)
+        self._neighbours: Neighbours | None = None
+        if air is not None:
+            self._neighbours = Neighbours(air, settings, kernel, self._strength, self._stations.take_begun)
+        self._jamming = Jamming(kernel, self._jam_mw, self._stations, size, self._neighbours)
+        if self._neighbours is not None:
+            self._neighbours.noticed = self._jamming.noticed
         self._forwarding = self._routers(streams)
 
     def _routers(self, streams: Streams) -> Forwarding | None:
@@ -239,6 +249,8 @@ class AdhocChannel(IdealChannel):
             raise UserError("radios without propagation notice no walls")
         self._jamming.advance()
         self._propagation.set_barriers(tuple(barriers))
+        if self._air is not None:
+            self._air.obstruct(barriers)
         self._reach.changed()
         self._stations.moved()
         self._jamming.moved()
@@ -348,6 +360,11 @@ class AdhocChannel(IdealChannel):
                 self._row(report, packet, report.station, "received" if report.right else "collided")
         elif report.missed:
             self._row(report, packet, report.destination, "out_of_range")
+
+    def begun(self, frames: Sequence[Begun]) -> None:
+        """Tell other radios of *frames* that have begun."""
+        assert self._neighbours is not None
+        self._neighbours.tell(frames)
 
     def logged(self, kept: Kept) -> None:
         """Write what the stations have kept for tables."""

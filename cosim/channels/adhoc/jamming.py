@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
+from cosim.arrays import Floats
 from cosim.channels.jamming import CONSTANT, PULSED, Jammer
 from cosim.kernel import WORLD, Handle, Kernel
 from cosim.units import MS, Time
@@ -36,6 +37,25 @@ class JammedStations(Protocol):
 
     def jammed(self, powers_mw: Sequence[float], at: Time) -> None:
         """Have each receive its power of jammers from *at* on."""
+
+
+class Others(Protocol):
+    """Other radios that stations hear: their power changes at instants that are known only when they begin to send."""
+
+    attentive: bool
+    """True while the stations are told of that."""
+
+    def listen(self) -> None:
+        """Have them told from now on."""
+
+    def settle(self) -> None:
+        """Make known all that has begun before now."""
+
+    def powers_mw(self, at: Time) -> Floats:
+        """Return the power that comes to each station at the instant *at*, (n,)."""
+
+    def change_after(self, time: Time) -> Time | None:
+        """Return the first instant after *time* at which these change, for all that is known."""
 
 
 class Source(NamedTuple):
@@ -94,8 +114,10 @@ def source(jammer: Jammer, channel: int, bandwidth_hz: float) -> Source | None:
 class Jamming:
     """All jammers of a channel."""
 
-    def __init__(self, kernel: Kernel, gains: Gains, stations: JammedStations, size: int) -> None:
-        """Take the power of jammers at each of *size* stations from *gains*."""
+    def __init__(
+        self, kernel: Kernel, gains: Gains, stations: JammedStations, size: int, others: Others | None = None
+    ) -> None:
+        """Take the power of jammers at each of *size* stations from *gains*; *others* are radios that are noise too."""
         self._kernel = kernel
         self._gains = gains
         self._stations = stations
@@ -106,6 +128,7 @@ class Jamming:
         self._known_to: Time = 0
         """Instant up to which the stations are up to date."""
         self._next: Handle | None = None
+        self._others = others
 
     def add(self, source: Source) -> None:
         """Add another jammer, which is on at its times."""
@@ -128,15 +151,32 @@ class Jamming:
 
     def follow(self) -> None:
         """Bring stations up to now and follow every change from now on: one of them is about to send."""
-        if self._sources and self._next is None:
-            self.advance()
+        if self._others is not None:
+            if not self._others.attentive:
+                self._others.listen()
+                self._catch_up()
+                self._go_on()
+        elif self._sources and self._next is None:
+            self._catch_up()
             self._go_on()
+
+    def noticed(self, start: Time) -> None:
+        """Note that another radio sends from *start* on, which is now or soon."""
+        if self._next is not None:
+            if self._next.time <= start:
+                return
+            self._next.cancel()
+        now = self._kernel.now
+        priority = WORLD if start > now else max(WORLD, self._kernel.phase[1])
+        self._next = self._kernel.at(max(start, now), self._change, priority)
 
     def _change(self) -> None:
         self._next = None
-        self.advance()
+        self._catch_up()
         if self._stations.matter:
             self._go_on()
+        elif self._others is not None:
+            self._others.attentive = False
 
     def _go_on(self) -> None:
         following = self._change_after(self._kernel.now)
@@ -144,9 +184,14 @@ class Jamming:
             self._next = self._kernel.at(following, self._change, WORLD)
 
     def advance(self) -> None:
+        """Bring stations up to now, before jammers are received with other powers."""
+        if self._sources:
+            self._catch_up()
+
+    def _catch_up(self) -> None:
         """Bring stations up to now: of changes too long ago to matter, only the result is applied."""
-        if not self._sources:
-            return
+        if self._others is not None:
+            self._others.settle()
         now = self._kernel.now
         begin = max(self._known_to, now - MEMORY)
         self._apply(begin)
@@ -163,6 +208,8 @@ class Jamming:
 
     def _change_after(self, time: Time) -> Time | None:
         changes = [change for each in self._sources if (change := each.next_change(time)) is not None]
+        if self._others is not None and (change := self._others.change_after(time)) is not None:
+            changes.append(change)
         return min(changes, default=None)
 
     def _apply(self, at: Time) -> None:
@@ -175,4 +222,6 @@ class Jamming:
                 self._received_mw = self._gains([each.jammer for each in self._sources])
             columns = zip(*self._received_mw, strict=True)
             powers_mw = [math.fsum(w * mw for w, mw in zip(weights, column, strict=True)) for column in columns]
+        if self._others is not None:
+            powers_mw = [mw + other for mw, other in zip(powers_mw, self._others.powers_mw(at).tolist(), strict=True)]
         self._stations.jammed(powers_mw, at)

@@ -1,7 +1,7 @@
 """Parameters of an 802.11 ad hoc network in a scenario."""
 
 import math
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -29,6 +29,8 @@ from cosim.channels.propagation import PropagationSettings
 from cosim.settings import Count, Decibels, Gain, Metres, Rate, Seconds, error_at
 from cosim.units import US, from_seconds
 
+UNJAMMED: Final = {"ofdm": "it works at 5 GHz", "fhss": "its hopping is not modelled"}
+"""Physical layers that nothing at 2.4 GHz disturbs, and why."""
 PhyName = Literal["dsss", "dsss_short", "erp", "erp_long_slot", "ofdm", "fhss"]
 
 

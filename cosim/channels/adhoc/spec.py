@@ -3,9 +3,10 @@
 from typing import Final
 
 from cosim.channels.adhoc.routing.base import MOST_OCTETS
-from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.adhoc.settings import UNJAMMED, AdhocSettings
 from cosim.channels.base import Channel
 from cosim.channels.kinds import ChannelSite, ChannelSpec
+from cosim.channels.propagation import PropagationSettings
 from cosim.protocol import PayloadBytes
 
 
@@ -14,7 +15,7 @@ def _made(settings: AdhocSettings, site: ChannelSite) -> Channel:
 
     strengths = site.reaches_m if settings.propagation is None else site.powers_dbm
     walls = site.walls, site.wall_loss_db
-    return AdhocChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, strengths)
+    return AdhocChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, strengths, site.air)
 
 
 def _payload_bytes(settings: AdhocSettings) -> PayloadBytes:
@@ -22,10 +23,19 @@ def _payload_bytes(settings: AdhocSettings) -> PayloadBytes:
     return PayloadBytes() if settings.routing is None else PayloadBytes(MOST_OCTETS, MOST_OCTETS)
 
 
+def _fades(settings: AdhocSettings) -> PropagationSettings | None:
+    """Return how signals fade; raise ValueError for what shares no air."""
+    if settings.phy in UNJAMMED:
+        raise ValueError(f"phy {settings.phy}: {UNJAMMED[settings.phy]}")
+    return settings.propagation
+
+
 SPEC: Final = ChannelSpec(
     AdhocSettings,
     _made,
     lambda settings: "reach_m" if settings.propagation is None else "power_dbm",
     payload_bytes=_payload_bytes,
+    fades=_fades,
+    listens=True,
 )
 """The channel."""

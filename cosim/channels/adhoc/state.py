@@ -66,6 +66,7 @@ COMMON: Final = np.dtype(
         ("frames_under_way", np.int64),
         ("free_packet", np.int64),
         ("rowless", np.int64),  # the station whose row of powers is needed
+        ("begun", np.int64),  # number of frames that other radios have not been told of
     ],
     align=True,
 )
@@ -198,6 +199,9 @@ REPORT: Final = np.dtype(
 )
 
 
+BEGUN: Final = np.dtype([(name, np.int64) for name in ("begin", "end", "source")], align=True)
+"""A frame that has begun, for other radios."""
+
 INTERVAL: Final = np.dtype(
     [
         *((name, np.int64) for name in ("begin", "station", "end", "state")),
@@ -270,6 +274,8 @@ class Network(NamedTuple):
     told: Records
     cck: Floats
     """Table of bit errors, if a rate needs it."""
+    begun: Records
+    """What other radios have not been told of; without room if they hear nothing of it."""
 
 
 class Log(NamedTuple):
@@ -319,6 +325,7 @@ def new_network(
         agenda=new_records(16 * size + 16, EVENT),
         told=new_records(16 * size + 16, REPORT),
         cck=cck,
+        begun=new_records(0, BEGUN),
     )
     return with_packets(with_frames(network, 16), 64)
 

@@ -22,6 +22,7 @@ from cosim.channels.adhoc.log import EACH, MORE, has_log_room, log_under_way
 from cosim.channels.adhoc.mac import KINDS, Access, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
 from cosim.channels.adhoc.state import (
+    BEGUN,
     DONE,
     END,
     FORM,
@@ -51,6 +52,8 @@ from cosim.units import Time
 
 ROWS: Final = 256
 """Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
+BEGUN_ROWS: Final = 256
+"""Number of frames that have begun and are kept for other radios before they are handed over."""
 LOG_ROWS: Final = 4096
 """Number of intervals, and of receptions, that are kept for tables before they are handed over."""
 
@@ -95,9 +98,19 @@ class Wanted(NamedTuple):
     """and what became of it at stations: these three in bulk, later."""
     packets: bool = False
     """Every packet that is off the queue."""
+    begun: bool = False
+    """Every frame as it begins, for other radios that hear it."""
 
 
 NOTHING_WANTED: Final = Wanted()
+
+
+class Begun(NamedTuple):
+    """A frame that has begun."""
+
+    begin: Time
+    end: Time
+    source: Address
 
 
 class Kept(NamedTuple):
@@ -134,6 +147,9 @@ class Host(Protocol):
     def logged(self, kept: Kept) -> None:
         """Write what has been kept, in arrays that are the stations' own."""
 
+    def begun(self, frames: Sequence[Begun]) -> None:
+        """Take *frames* that have begun: there is no room to keep them."""
+
 
 class Stations:
     """All stations of a channel."""
@@ -146,6 +162,8 @@ class Stations:
         self._host = host
         cck = tables(() if limits is None else _rates(self._timing))
         network = new_network(size, *rules, draws.key, cck, kernel.now)
+        if wanted.begun:
+            network = network._replace(begun=new_records(BEGUN_ROWS + 2 * size, BEGUN))
         self._common = network.common[0]
         self._common["noted"], self._common["packets_noted"] = wanted.frames, wanted.packets
         self._log = _new_log(wanted, LOG_ROWS + EACH * size + MORE)
@@ -274,6 +292,16 @@ class Stations:
                 length = 0 if frame["packet"] == NONE else len(self._packets[int(frame["packet"])].payload)
                 found.append(Flying(begin, source, end, KINDS[kind], int(frame["destination"]), length))
                 number = int(frame["next"])
+        return found
+
+    def take_begun(self, until: Time) -> list[Begun]:
+        """Return the frames that have begun before *until*, and only once."""
+        count = int(self._common["begun"])
+        rows = self._network.begun
+        due = int(np.searchsorted(rows["begin"][:count], until))
+        found = [Begun(*row) for row in rows[:due].tolist()]
+        rows[: count - due] = rows[due:count].copy()
+        self._common["begun"] = count - due
         return found
 
     def begun(self) -> list[tuple[Packet, Time]]:
@@ -425,6 +453,8 @@ class Stations:
             self._tell()
         self._make_log_room()
         network, size = self._network, len(self._network.stations)
+        if self._common["begun"] + size > len(network.begun) > 0:
+            self._host.begun(self.take_begun(NEVER))
         if self._common["free_frame"] == NONE:
             network = with_frames(network, len(network.frames))
         if self._common["free_packet"] == NONE:

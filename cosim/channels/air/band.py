@@ -99,6 +99,11 @@ class Band:
         self._told.append(_NEVER)
         return len(self._tenants) - 1
 
+    def grow(self, count: int) -> None:
+        """Make room for *count* more senders, which are received by nobody before the next :meth:`moved`."""
+        table = self.table
+        self.table = table._replace(gains=np.pad(table.gains, ((0, 0), (0, count), (0, count))))
+
     def moved(self, gains_db: Floats, now: Time) -> None:
         """Take the gains in dB between all radios, (size, size), for what is sent from *now* on.
 

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from cosim.arrays import Floats, Int64s
-from cosim.channels.air.spectra import OFFSETS
+from cosim.channels.air.spectra import JAMMER, OFFSETS
 from cosim.jit import njit
 from cosim.units import Time
 
@@ -61,6 +61,17 @@ class Tuning(NamedTuple):
     """In steps of 0.5 MHz: 4804 is 2402 MHz."""
     address: int
     """Where it is: the number of the radio."""
+
+
+class Listening(NamedTuple):
+    """What all receivers of a channel listen to, and to nobody else's than that channel's."""
+
+    kind: int
+    """One of the receivers of ``spectra``."""
+    centre: int
+    """In steps of 0.5 MHz: 4804 is 2402 MHz."""
+    tenant: int
+    """The number of the channel."""
 
 
 class Wanted(NamedTuple):
@@ -130,9 +141,14 @@ def share(table: Table, at: int, tuning: Tuning) -> float:
 
 @njit(cache=True, borrows=True)
 def taken_mw(table: Table, at: int, tuning: Tuning, wanted: Wanted) -> float:
-    """Return the power of emission *at* that disturbs a receiver behind its filter; 0 if it is neglected."""
+    """Return the power of emission *at* that disturbs a receiver behind its filter; 0 if it is neglected.
+
+    What a jammer sends each channel tells for its own receivers: some jammers disturb one channel only.
+    """
     row = table.rows[at]
     sender = row[SENDER]
+    if row[KIND] == JAMMER and row[TENANT] != wanted.tenant:
+        return 0.0
     if row[TENANT] == wanted.tenant and (sender == wanted.sender or sender == tuning.address):
         return 0.0
     part = share(table, at, tuning)
@@ -186,3 +202,45 @@ def sections(table: Table, tuning: Tuning, start: Time, end: Time, wanted: Wante
             count += 1
     bounds[count] = end
     return bounds[: count + 1], levels[:count]
+
+
+# ---------------------------------------------------------------- for channels that listen before they talk
+
+
+@njit(cache=True, borrows=True)
+def _is_heard(table: Table, at: int, listening: Listening) -> bool:
+    """Return whether emission *at* is another channel's, and not a jammer, and falls into the filter."""
+    if table.rows[at, TENANT] == listening.tenant or table.rows[at, KIND] == JAMMER:
+        return False
+    offset = abs(table.rows[at, CENTRE] - listening.centre)
+    return bool(offset < OFFSETS and table.shares[table.rows[at, KIND], listening.kind, offset] > 0.0)
+
+
+@njit(cache=True)
+def write_levels(table: Table, listening: Listening, time: Time, levels: Floats) -> None:
+    """Add to *levels*, (n,), what comes to each of the first n radios at *time* from other channels, mW."""
+    for at in range(table.state[0]):
+        row = table.rows[at]
+        if row[START] > time:
+            break
+        if row[END] > time and _is_heard(table, at, listening):
+            for address in range(len(levels)):
+                tuning = Tuning(listening.kind, listening.centre, address)
+                levels[address] += taken_mw(table, at, tuning, Wanted(listening.tenant, NOBODY))
+
+
+@njit(cache=True)
+def next_change(table: Table, listening: Listening, after: Time) -> Time:
+    """Return the first instant later than *after* at which anything of another channel begins or ends, or 2^62."""
+    found = 1 << 62
+    for at in range(table.state[0]):
+        row = table.rows[at]
+        if row[START] >= found:
+            break
+        if not _is_heard(table, at, listening):
+            continue
+        if row[START] > after:
+            found = min(found, row[START])
+        elif row[END] > after:
+            found = min(found, row[END])
+    return found

@@ -7,7 +7,7 @@ which has what is left.
 from collections import deque
 from typing import Final, NamedTuple, Protocol
 
-from cosim.channels.ble.ether import LOOKBACK
+from cosim.channels.ble.packets import LOOKBACK
 from cosim.units import Time
 
 _EVER: Final[Time] = 1 << 62

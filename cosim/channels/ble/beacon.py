@@ -11,7 +11,7 @@ from cosim.channels.ble.antenna import Antenna
 from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
 from cosim.channels.ble.bits.crc import ADVERTISING_INIT
 from cosim.channels.ble.bits.pdu import AdvertisingType, DeviceAddress, Undirected, encode_advertising
-from cosim.channels.ble.ether import LOOKBACK, Sent
+from cosim.channels.ble.packets import LOOKBACK, Sent
 from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M
 from cosim.channels.clock import NativeClock
 from cosim.machine import BROADCAST, Address
@@ -119,6 +119,14 @@ class Beacon:
             if begin < min(end, over) and ends > start and self.sends(advertiser, event):
                 found = ends
         return found
+
+    def begins_after(self, time: Time) -> Time:
+        """Return the first instant after *time* at which a packet of it is due, even if the antenna may be taken."""
+        if self.advertiser is None:
+            return LATER
+        event = self.advertiser.event_from(time + 1)
+        starts = (self.advertiser.start(event, turn) for turn in range(len(self.advertiser.channels)))
+        return next(start for start in starts if start > time)
 
     def packets(self, since: Time, until: Time) -> Iterator[Sent]:
         """Yield what it sends in [since, until)."""

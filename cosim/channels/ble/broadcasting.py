@@ -20,7 +20,7 @@ from cosim.channels.ble.bits.pdu import OFFSET_UNITS, AuxiliaryPhy, AuxPtr, Data
 from cosim.channels.ble.channels import ADVERTISING, DATA_CHANNELS
 from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.environment import Environment
-from cosim.channels.ble.ether import Sent
+from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.phy import CODED_S8, HEADER_OCTETS, LE_1M, LE_2M, T_IFS, T_MAFS, Phy
 from cosim.channels.ble.settings import BroadcastSettings
 from cosim.channels.ble.station import Station

@@ -6,16 +6,20 @@ it; one for everyone goes to all that listen, links or not.
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
+from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Channel, Flying, Positions
 from cosim.channels.ble.device import Device, Site
 from cosim.channels.ble.environment import Environment
-from cosim.channels.ble.ether import Ether, Sent
+from cosim.channels.ble.ether import Ether
 from cosim.channels.ble.hosts import Hosts, Record
+from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.session import Session
 from cosim.channels.ble.settings import BleSettings
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier
-from cosim.channels.reach import Disc, Floor, reach_of
+from cosim.channels.reach import Disc, Fading, Floor, reach_of
 from cosim.errors import UserError
 from cosim.kernel import Kernel
 from cosim.machine import (
@@ -61,14 +65,23 @@ class BleChannel(Channel):
         streams: Streams,
         floor: Floor | None = None,
         powers_dbm: Sequence[float | None] = (),
+        air: SharedAir | None = None,
     ) -> None:
-        """*floor* is needed where signals fade; *powers_dbm* are the robots' own, None for that of the settings."""
+        """*floor* is needed where signals fade; *powers_dbm* are the robots' own, None for that of the settings.
+
+        *air* is None if no radios of other kinds are heard.
+        """
         super().__init__(kernel, trace, size)
         self.settings = settings
         sent_dbm = [settings.power_dbm if own is None else own for own in powers_dbm or [None] * size]
-        shadowing = streams.draws("ble", "shadowing")
-        self._reach = reach_of(settings.range_m, settings.propagation, sent_dbm, floor, shadowing)
-        self._ether = Ether(settings, kernel, self._reach, sent_dbm, streams.draws("ble", "errors"))
+        self._air = air
+        self._reach: Disc | Fading
+        if air is None:
+            shadowing = streams.draws("ble", "shadowing")
+            self._reach = reach_of(settings.range_m, settings.propagation, sent_dbm, floor, shadowing)
+        else:
+            self._reach = Fading(np.array(sent_dbm, dtype=np.float64), air.propagation)
+        self._ether = Ether(settings, kernel, self._reach, sent_dbm, streams.draws("ble", "errors"), air)
         self._record = Record(trace)
         self._hosts = Hosts(kernel, self.deliver, self.note_unsent, self.payloads, self.intervals)
         self.devices: list[Device] = []
@@ -77,8 +90,10 @@ class BleChannel(Channel):
         site = Site(environment, settings, self.devices, self._sessions, streams, self._may_rest, self._changed)
         for address in range(size):
             self.devices.append(Device(site, address))
-        self._ether.lazies += [device.station.beacon.packets for device in self.devices]
-        self._ether.lazies.append(self._resting)
+        if settings.interference == "band":
+            tenancy, beacons = self._ether.tenancy, [device.station.beacon for device in self.devices]
+            tenancy.lazies += [*(beacon.packets for beacon in beacons), self._resting]
+            tenancy.nexts += [beacon.begins_after for beacon in beacons]
         for device in self.devices:
             device.start(first=True)
 
@@ -151,6 +166,8 @@ class BleChannel(Channel):
         if isinstance(self._reach, Disc):
             raise UserError("radios without propagation notice no walls")
         self._reach.obstruct(barriers)
+        if self._air is not None:
+            self._air.obstruct(barriers)
         self._ether.changed()
         self._changed()
 
@@ -158,7 +175,7 @@ class BleChannel(Channel):
         """Put *jammer* on the air as well, at its times; raise UserError if nothing disturbs these radios."""
         if self.settings.interference == "none":
             raise UserError("a jammer disturbs nothing where channel.interference is none")
-        self._ether.jam(jammer)
+        self._ether.tenancy.jam(jammer)
         self._changed()
 
     def _changed(self) -> None:
@@ -168,10 +185,12 @@ class BleChannel(Channel):
                 device.search.refresh()
         for session in list(self._sessions):
             session.reconsider()
+        if self._air is not None:
+            self._air.reconsider()
 
     def _may_rest(self, session: Session) -> bool:
         """Return whether no other link, and no table, keeps *session* from resting."""
-        if self._ether.jammed or (self._record.wanted and self.settings.idle_frames):
+        if self._air is not None or self._ether.tenancy.jammed or (self._record.wanted and self.settings.idle_frames):
             return False
         others = [other for other in self._sessions if other.central != session.central]
         if not others:

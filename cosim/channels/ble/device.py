@@ -27,7 +27,7 @@ from cosim.channels.ble.connections.link import Link
 from cosim.channels.ble.connections.parameters import INTERVAL_UNIT
 from cosim.channels.ble.discovery import Search
 from cosim.channels.ble.environment import Environment
-from cosim.channels.ble.ether import Sent
+from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M, T_IFS
 from cosim.channels.ble.scanning import ScanWindows
 from cosim.channels.ble.selection import HOP_INCREMENTS

@@ -11,7 +11,7 @@ from cosim.channels.ble.advertising import Advertiser
 from cosim.channels.ble.beacon import LATER
 from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.environment import Environment
-from cosim.channels.ble.ether import Sent
+from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.scanning import HeardPdu, next_heard
 from cosim.channels.ble.station import Station
 from cosim.kernel import Handle

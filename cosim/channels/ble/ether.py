@@ -4,76 +4,33 @@ Whoever sends a packet says so when it begins, and when it is over; in between n
 of a packet is decided at its end, when all is known that was on the air meanwhile. Each packet stands by itself: that a
 receiver is taken up with another one, earlier and weaker, is neglected.
 
-What follows from arithmetic, such as advertising that nobody scans for, is not sent one by one. It is told to the band
-for the last ``LOOKBACK`` before somebody asks what has disturbed a packet.
+What follows from arithmetic, such as advertising that nobody scans for, is not sent one by one.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Final, NamedTuple, TypeAlias
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
 import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats
-from cosim.channels.air.band import Band, Emission, Section
-from cosim.channels.air.emissions import Tuning, Wanted
-from cosim.channels.air.jammers import emissions
-from cosim.channels.air.spectra import LE_1M as KIND_1M
-from cosim.channels.air.spectra import LE_2M as KIND_2M
+from cosim.channels.air.band import Section
+from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Positions
 from cosim.channels.ble.bits.errors import CLEAR_G, UNNOTICED, least_dbm, noise_mw, ratio, received
-from cosim.channels.ble.channels import frequency_mhz, rf_channel
 from cosim.channels.ble.connections.exchange import Reception
-from cosim.channels.ble.phy import LE_1M, LE_2M, PHYS, Phy
+from cosim.channels.ble.packets import LOOKBACK, Sent
+from cosim.channels.ble.phy import LE_1M, PHYS, Phy
 from cosim.channels.ble.settings import BleSettings
-from cosim.channels.jamming import Jammer
+from cosim.channels.ble.tenancy import Tenancy
 from cosim.channels.reach import Disc, Fading
 from cosim.kernel import Kernel
 from cosim.machine import Address
 from cosim.randomness import Draws
-from cosim.units import MS, US, Time
+from cosim.units import Time
 
 _ANY_DBM: Final = -1e300
 """What everything that is received at all has more of."""
-LOOKBACK: Final[Time] = 18 * MS
-"""Time before an instant in which what is on the air at that instant began (17.04 ms), and what follows from arithmetic
-and was on the air when it did (0.72 ms)."""
-
-SHORT_PACKETS: Final[Time] = 1_100 * US
-"""Time of an advertisement that is being received, and of what follows from arithmetic and was on the air before it."""
-
-
-@dataclass(slots=True)
-class Sent:
-    """A packet on the air."""
-
-    start: Time
-    source: Address
-    destination: Address
-    kind: str
-    channel: int
-    """Index of its channel."""
-    phy: Phy
-    octets: int
-    """Of its payload."""
-    length: int = 0
-    """Octets of users' payloads in it."""
-    access_address: int = 0
-    crc_init: int = 0
-    pdu: bytes = b""
-    again: bool = False
-    """True if its payload has been on the air before."""
-
-    @property
-    def end(self) -> Time:
-        """The end of its last bit."""
-        return self.start + self.phy.air_time(self.octets)
-
-    @property
-    def centre_mhz(self) -> int:
-        """The centre of its channel."""
-        return frequency_mhz(rf_channel(self.channel))
 
 
 class Judgement(NamedTuple):
@@ -87,20 +44,22 @@ class Judgement(NamedTuple):
     sinr_db: float | None = None
 
 
-Lazy: TypeAlias = Callable[[Time, Time], Iterable[Sent]]
-"""(since, until) -> what follows from arithmetic and begins in [since, until)."""
-
-
 class Ether:
-    """What *size* devices send to each other; *sent_dbm* are their powers. It is a tenant of its *band*."""
+    """What devices that send with *sent_dbm* send to each other."""
 
     def __init__(
-        self, settings: BleSettings, kernel: Kernel, reach: Disc | Fading, sent_dbm: Sequence[float], draws: Draws
+        self,
+        settings: BleSettings,
+        kernel: Kernel,
+        reach: Disc | Fading,
+        sent_dbm: Sequence[float],
+        draws: Draws,
+        shared: SharedAir | None = None,
     ) -> None:
+        """*shared* is None if the devices have a band of their own."""
         size = len(sent_dbm)
         self.on: Bools = np.ones(size, dtype=np.bool_)
         """Which devices are switched on."""
-        self.lazies: list[Lazy] = []
         self.sent = 0
         """Packets that carried something of hosts."""
         self._on_air: list[Sent] = []
@@ -116,34 +75,14 @@ class Ether:
             least = dict.fromkeys(least, [_ANY_DBM] * len(PHYS))
         self._noticed_dbm = dict(zip(PHYS, least[UNNOTICED], strict=True))
         self._clear_dbm = dict(zip(PHYS, least[CLEAR_G], strict=True))
-        self._sent_dbm = np.array(sent_dbm, dtype=np.float64) if self._fading else np.zeros(size)
-        self._sent_mw = elementary.exp10s(self._sent_dbm / 10.0).tolist()
         self._draws = draws
         self._switched_at: list[Time] = [-1] * size  # when each was last switched on or off
         self._moved_at: Time = 0
         self._powers: list[tuple[Time, Floats]] = [(-LOOKBACK, reach.power_dbm())]
         """(since when, powers between all), of late; the last are of now unless they are stale."""
         self._stale = False
-        self._untold: list[Sent] = []
-        """What has been sent, or will be at once, and the band does not know."""
         self._asks = settings.interference == "band"
-        self._told: Time = 0
-        self._jammers: list[Jammer] = []
-        self._band = Band(size, 0.0)
-        self._tenant = self._band.join(self)
-        self._gains_known = False
-
-    @property
-    def jammed(self) -> bool:
-        """True if jammers may disturb what is sent."""
-        return bool(self._jammers)
-
-    def jam(self, jammer: Jammer) -> None:
-        """Put *jammer* on the air as well, at its times, which are to come."""
-        self._jammers.append(jammer)
-        self._band = Band(len(self.on) + len(self._jammers), 0.0)
-        self._tenant = self._band.join(self)
-        self._gains_known = False
+        self.tenancy = Tenancy(kernel, reach, sent_dbm, shared)
 
     # ---------------------------------------------------------------- who hears whom
 
@@ -157,7 +96,8 @@ class Ether:
     def changed(self) -> None:
         """Note that the powers between devices are others from now on."""
         self._moved_at = self._kernel.now
-        self._stale, self._gains_known = True, False
+        self._stale = True
+        self.tenancy.changed()
 
     @property
     def powers_dbm(self) -> Floats:
@@ -200,7 +140,7 @@ class Ether:
         self.sent += packet.length > 0
         self._on_air = [*self.on_air(self._kernel.now), packet]
         if self._asks:
-            self._untold.append(packet)
+            self.tenancy.send(packet)
 
     def on_air(self, now: Time) -> list[Sent]:
         """Return what has been sent and is not over *now*."""
@@ -230,6 +170,12 @@ class Ether:
             return Judgement(Reception.BAD_CRC, broken, "payload")
         return Judgement(Reception.HEARD, "received")
 
+    def _interference(self, packet: Sent, receiver: Address) -> list[Section]:
+        if not self._asks:
+            return [Section(packet.start, packet.end, 0.0)]
+        oldest = min((each.start for each in self.on_air(self._kernel.now - 1)), default=packet.start)
+        return self.tenancy.interference(packet, receiver, oldest, self.powers_dbm)
+
     def was_on(self, device: Address, since: Time) -> bool:
         """Return whether *device* is on, and has been all the time *since* then."""
         return bool(self.on[device]) and self._switched_at[device] <= since
@@ -238,72 +184,6 @@ class Ether:
         """Note that *device* is on, or off, from now on."""
         self.on[device] = on
         self._switched_at[device] = self._kernel.now
-
-    # ---------------------------------------------------------------- the band
-
-    def _interference(self, packet: Sent, receiver: Address) -> list[Section]:
-        if not self._asks:
-            return [Section(packet.start, packet.end, 0.0)]
-        self._take_gains()
-        oldest = min((each.start for each in self.on_air(self._kernel.now - 1)), default=packet.start)
-        self._catch_up(packet.end, min(oldest, packet.start) - SHORT_PACKETS)
-        tuning = Tuning(_kind(packet.phy), 2 * packet.centre_mhz, receiver)
-        wanted = Wanted(self._tenant, packet.source)
-        return self._band.interference(tuning, packet.start, packet.end, wanted)
-
-    def _take_gains(self) -> None:
-        """Have the band know the powers of now, from the instant of their change on."""
-        if not self._gains_known:
-            self._gains_known = True
-            size = len(self.on)
-            gains_db = np.full((size + len(self._jammers), size + len(self._jammers)), -np.inf)
-            gains_db[:size, :size] = self.powers_dbm - self._sent_dbm[:, None]
-            if self._jammers:
-                gains_db[size:, :size] = self._reach.jam_dbm(self._jammers) - self._jam_dbm()[:, None]
-            self._band.moved(gains_db, max(self._moved_at, self._told))
-
-    def _jam_dbm(self) -> Floats:
-        """Return the powers of the jammers; where signals do not fade they are received as devices are."""
-        return np.array([jammer.power_dbm if self._fading else 0.0 for jammer in self._jammers])
-
-    def _tell(self, packet: Sent) -> None:
-        mw = self._sent_mw[packet.source]
-        at = 2 * packet.centre_mhz
-        emission = Emission(packet.start, packet.end, _kind(packet.phy), at, packet.source, self._tenant, mw)
-        self._band.tell(emission)
-
-    @property
-    def asks_from(self) -> Time:
-        """Instant from which it may still ask for interference."""
-        return self._kernel.now - LOOKBACK
-
-    def catch_up(self, until: Time) -> None:
-        """Tell the band what begins before *until*: of what follows from arithmetic, as far back as it can matter."""
-        self._catch_up(until, until - LOOKBACK)
-
-    def _catch_up(self, until: Time, since: Time) -> None:
-        """Catch up to *until*: nobody asks for times before *since* any more."""
-        since, self._told = max(self._told, since), max(self._told, until)
-        if not self._asks:
-            return
-        for packet in self._untold:
-            if packet.start < until:
-                self._tell(packet)
-        self._untold = [packet for packet in self._untold if packet.start >= until]
-        if since < until:
-            for lazy in self.lazies:
-                for packet in lazy(since, until):
-                    self._tell(packet)
-            for number, (jammer, mw) in enumerate(zip(self._jammers, self._jam_mw(), strict=True), len(self.on)):
-                for emission in emissions(jammer, number, self._tenant, mw, since, until):
-                    self._band.tell(emission)
-
-    def _jam_mw(self) -> list[float]:
-        return elementary.exp10s(self._jam_dbm() / 10.0).tolist() if self._jammers else []
-
-
-def _kind(phy: Phy) -> int:
-    return KIND_2M if phy == LE_2M else KIND_1M
 
 
 def _decibels(factor: float) -> float | None:

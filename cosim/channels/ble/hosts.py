@@ -5,7 +5,8 @@ from typing import Final
 
 from cosim.channels.base import Arrival
 from cosim.channels.ble.bits.crc import crc24
-from cosim.channels.ble.ether import Judgement, Sent
+from cosim.channels.ble.ether import Judgement
+from cosim.channels.ble.packets import Sent
 from cosim.intervals import Intervals
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing

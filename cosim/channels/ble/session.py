@@ -3,7 +3,8 @@
 While nothing is to be said, and nothing can go wrong, a link rests: there is no event for its polls, which are counted
 when it goes on. It rests while both ends hear each other without errors, neither has a link to anybody but this central
 and its peripherals, and no other piconet is near enough to be noticed. What is broadcast meanwhile does not disturb the
-polls of a link that rests; nor would it matter, as the next one is an interval away.
+polls of a link that rests; nor would it matter, as the next one is an interval away. In an air that other radios share
+no link rests: all of its packets are heard there, and may be lost.
 """
 
 from collections import deque
@@ -19,7 +20,8 @@ from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.ble.connections.exchange import Packet, Reception, Side, exchange_time
 from cosim.channels.ble.connections.link import Link
 from cosim.channels.ble.environment import Environment
-from cosim.channels.ble.ether import Judgement, Sent
+from cosim.channels.ble.ether import Judgement
+from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.phy import T_IFS, Phy
 from cosim.errors import WireError
 from cosim.kernel import Handle
@@ -161,7 +163,7 @@ class Session:
         """Have it not rest while something is changed, and then go on as that demands."""
         rested = self._resting
         if rested:
-            self._ether.catch_up(self._kernel.now)
+            self._ether.tenancy.catch_up(self._kernel.now)
             self._resting = False
             self._resume()
         yield

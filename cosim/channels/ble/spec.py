@@ -5,6 +5,7 @@ from typing import Final
 from cosim.channels.base import Channel
 from cosim.channels.ble.settings import BleSettings
 from cosim.channels.kinds import ChannelSite, ChannelSpec
+from cosim.channels.propagation import PropagationSettings
 from cosim.protocol import PayloadBytes
 
 
@@ -12,7 +13,7 @@ def _made(settings: BleSettings, site: ChannelSite) -> Channel:
     from cosim.channels.ble.channel import BleChannel  # only a run needs the model
 
     walls = site.walls, site.wall_loss_db
-    return BleChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, site.powers_dbm)
+    return BleChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, site.powers_dbm, site.air)
 
 
 def _payload_bytes(settings: BleSettings) -> PayloadBytes:
@@ -22,6 +23,13 @@ def _payload_bytes(settings: BleSettings) -> PayloadBytes:
     return PayloadBytes(settings.connection.mtu_octets - len(NOTIFICATION), LONGEST_BROADCAST)
 
 
+def _fades(settings: BleSettings) -> PropagationSettings | None:
+    """Return how signals fade; raise ValueError if nothing disturbs them."""
+    if settings.interference != "band":
+        raise ValueError(f"interference {settings.interference}: nothing disturbs it")
+    return settings.propagation
+
+
 SPEC: Final = ChannelSpec(
     BleSettings,
     _made,
@@ -29,5 +37,6 @@ SPEC: Final = ChannelSpec(
     lambda settings: settings.connection.parts,
     _payload_bytes,
     lambda settings: False,  # a device is in all of its piconets, whose events are at other times
+    _fades,
 )
 """The channel."""

@@ -132,7 +132,7 @@ def emission(signal: Signal, tenant: int) -> Emission:
 
 def compare(seed: int, seen: Counter[str]) -> None:
     size, signals, moves, questions = case(seed)
-    world = World(table)
+    world = World(table, JAMMER)
     for since, gains in moves:
         world.move(since, ratios(gains))
     random = np.random.default_rng((29, seed))
@@ -278,7 +278,7 @@ def plans(seed: int) -> tuple[int, list[list[float]], list[Plan]]:
 
 def react(seed: int, seen: Counter[str]) -> None:
     size, gains, drawn = plans(seed)
-    world = World(table)
+    world = World(table, JAMMER)
     world.move(0, ratios(gains))
     slow = Exchanges(world, drawn)
     slow.run(3_000)

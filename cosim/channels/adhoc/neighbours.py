@@ -1,0 +1,100 @@
+"""The other radios of a shared air, as the stations of one 802.11 channel hear them, and what those hear of it.
+
+What other radios send is noise to a station: it makes the medium busy if it is energy enough, and disturbs what is
+received. All of it that falls into the channel's band counts, as in ``air.spectra``; it arrives at once, as a frame
+arrives at other radios as soon as it begins.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+import numpy as np
+
+from cosim.arrays import Floats
+from cosim.channels.adhoc.jamming import FIRST_MHZ, MEMORY, SPACING_MHZ
+from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.adhoc.stations import Begun
+from cosim.channels.air.band import Emission
+from cosim.channels.air.emissions import Listening, next_change, write_levels
+from cosim.channels.air.shared import NEVER, SharedAir
+from cosim.channels.air.spectra import DSSS, OFDM, STEPS_PER_MHZ
+from cosim.kernel import Kernel
+from cosim.units import Time
+
+KINDS: Final = {"dsss": DSSS, "dsss_short": DSSS, "erp": OFDM, "erp_long_slot": OFDM}
+"""What its physical layers are in ``air.spectra``."""
+
+
+class Neighbours:
+    """The others in *air*; *begun* takes from the stations what they have begun to send, *sent_mw* are their powers."""
+
+    def __init__(
+        self,
+        air: SharedAir,
+        settings: AdhocSettings,
+        kernel: Kernel,
+        sent_mw: Floats,
+        begun: Callable[[Time], Iterable[Begun]],
+    ) -> None:
+        self.attentive = False
+        """True while stations must notice what others send as it begins."""
+        self.noticed: Callable[[Time], None] = lambda start: None
+        """Called with the instant from which another one will send."""
+        self._air, self._kernel = air, kernel
+        self._begun = begun
+        self._sent_mw = sent_mw.tolist()
+        middle_mhz = FIRST_MHZ + SPACING_MHZ * (settings.channel - 1)
+        number = air.join(self)
+        self._listening = Listening(KINDS[settings.phy], int(STEPS_PER_MHZ * middle_mhz), number)
+
+    # ------------------------------------------------------------ what stations hear
+
+    def listen(self) -> None:
+        """Be told of all that others begin to send, from now on."""
+        self.attentive = True
+        self._air.reconsider()
+
+    def settle(self) -> None:
+        """Have all others tell what they have begun to send before now."""
+        now = self._kernel.now
+        self.catch_up(now)
+        self._air.band.settle(now, self._listening.tenant)
+
+    def powers_mw(self, at: Time) -> Floats:
+        """Return the power that comes to each station from all others at the instant *at*, (n,)."""
+        levels = np.zeros(len(self._sent_mw))
+        write_levels(self._air.band.table, self._listening, at, levels)
+        return levels
+
+    def change_after(self, time: Time) -> Time | None:
+        """Return the first instant after *time*, for all that is known, at which these powers change."""
+        change = int(next_change(self._air.band.table, self._listening, time))
+        return None if change == NEVER else change
+
+    # ------------------------------------------------------------ as a tenant of the air
+
+    @property
+    def asks_from(self) -> Time:
+        """Instant from which the stations may still ask for what disturbs them."""
+        return self._kernel.now - MEMORY
+
+    def catch_up(self, until: Time) -> None:
+        """Tell the air of the frames that have begun before *until*."""
+        self.tell(self._begun(until))
+
+    def tell(self, frames: Iterable[Begun]) -> None:
+        """Tell the air of *frames*."""
+        kind, centre, tenant = self._listening
+        for begin, end, source in frames:
+            self._air.tell(Emission(begin, end, kind, centre, source, tenant, self._sent_mw[source]))
+
+    def begins_after(self, time: Time) -> Time:
+        """Return NEVER: stations send by events."""
+        return NEVER
+
+    def send_due(self, now: Time) -> None:
+        """Do nothing."""
+
+    def hear(self, emission: Emission) -> None:
+        """Have the stations notice *emission*."""
+        self.noticed(emission.start)

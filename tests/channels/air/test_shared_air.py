@@ -1,0 +1,219 @@
+"""802.11 and LE in one air: what each notices of the other, told anew from the tables of a run."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.channels.adhoc.phy import noise_dbm
+from cosim.channels.air.spectra import DSSS, LE_1M, OFDM, shares
+from cosim.channels.ble.bits.errors import noise_mw
+from cosim.channels.ble.phy import LE_1M as PHY_1M
+from cosim.kernel import DELIVER
+from cosim.machine import BROADCAST, Outgoing, Page, Scan
+from cosim.units import MS, US, S
+from tests.channels.air.shared_field import SharedField
+
+BLE, WIFI = 0, 1
+WIFI_MHZ = 2437
+TABLES = ("transmissions", "receptions")
+Row = dict[str, Any]
+
+
+def field(seed: int, order: tuple[int, int] = (BLE, WIFI), **settings: Any) -> SharedField:
+    """Return robots 0 and 1 with LE, 2 and 3 with 802.11, and 4 with both, at places of their own."""
+    random = np.random.default_rng((28, seed))
+    places = random.uniform(0.0, 12.0, (5, 2)).tolist()
+    rate = float(random.choice((1, 2, 5.5, 11)))
+    phy = {"phy": "erp", "rate_mbps": 24} if seed % 3 == 0 else {"phy": "dsss", "rate_mbps": rate}
+    ble = {"kind": "ble", "connection": {"interval_s": 0.0075}, "power_dbm": float(random.choice((0, 8)))}
+    adhoc = {"kind": "adhoc", "channel": 6, "power_dbm": float(random.choice((0, 15))), **phy}
+    of_kind = {BLE: ble, WIFI: adhoc}
+    carried = [(order.index(BLE),)] * 2 + [(order.index(WIFI),)] * 2 + [(0, 1)]
+    return SharedField([of_kind[kind] for kind in order], places, carried, seed=seed, **settings)
+
+
+def busy(field: SharedField, seed: int, until: int, ble: int = BLE, wifi: int = WIFI) -> None:
+    """Have all hosts say something at random times, with links and searches, and run *until* then."""
+    random = np.random.default_rng((29, seed))
+    field.at(MS, 0, Page(1, radio=ble), Page(4, radio=ble))
+    for robot in (0, 1, 4):  # tables have no advertisements that nobody has listened to
+        field.at(400 * MS, robot, Scan(False, radio=ble))
+    for _ in range(150):
+        at, octets = int(random.integers(S // 2, until - 200 * MS)), int(random.integers(1, 1200))
+        field.at(at, 0, Outgoing(int(random.choice((1, 4, BROADCAST))), bytes(octets % 200), None, ble))
+        source, destination = random.choice((2, 3, 4), 2, replace=False).tolist()
+        for _ in range(int(random.integers(1, 6))):
+            field.at(at + int(random.integers(5 * MS)), source, Outgoing(destination, bytes(octets), None, wifi))
+    field.until(until)
+
+
+def gain(field: SharedField, a: int, b: int) -> float:
+    """Return the law of free space by itself, or the isolation within a robot."""
+    if a == b:
+        return float(10 ** (-20.0 / 10))
+    distance = max(0.1, float(np.hypot(*(field.places_m[a] - field.places_m[b]))))
+    return float(10 ** (-(40.2 + 20.0 * np.log10(distance)) / 10))
+
+
+class Told:
+    """The rows of a run, of both radios."""
+
+    def __init__(self, field: SharedField) -> None:
+        self.field = field
+        field.close()
+        self.sent = sorted(field.rows("transmissions"), key=lambda row: row["time_ns"])
+        self.heard = field.rows("receptions")
+        first, second = (
+            part._settings if hasattr(part, "_settings") else part.settings for part in field.channel.parts
+        )
+        self.settings = {BLE: first, WIFI: second}
+        self.wide = OFDM if self.settings[WIFI].phy == "erp" else DSSS
+        self.starts = np.array([row["time_ns"] for row in self.sent])
+        self.longest = max(row["duration_ns"] for row in self.sent)
+
+    def mw(self, radio: int) -> float:
+        return float(10 ** (self.settings[radio].power_dbm / 10))
+
+    def steps(self, one: Row, other: Row) -> int:
+        """Return how far the centres are apart, in steps of 0.5 MHz."""
+        return abs(self.centre(one) - self.centre(other))
+
+    def centre(self, row: Row) -> int:
+        return 2 * (2402 + int(row["channel"])) if row["radio"] == BLE else 2 * WIFI_MHZ
+
+    def kind(self, row: Row) -> int:
+        return LE_1M if row["radio"] == BLE else self.wide
+
+    def foreign(self, row: Row, receiver: int, begin: int, end: int) -> list[tuple[int, int, float]]:
+        """Return (begin, end, mW behind the filter of the *receiver* of *row*) of what others send meanwhile."""
+        near = range(*np.searchsorted(self.starts, (begin - self.longest, end)))
+        found = []
+        for other in (self.sent[at] for at in near):
+            over = other["time_ns"] + other["duration_ns"]
+            if other["radio"] != row["radio"] and other["time_ns"] < end and over > begin:
+                part = float(shares()[self.kind(other), self.kind(row), self.steps(row, other)])
+                mw = self.mw(other["radio"]) * gain(self.field, other["source"], receiver) * part
+                if mw > 1e-14:
+                    found.append((other["time_ns"], over, mw))
+        return found
+
+    def worst_mw(self, row: Row, receiver: int, begin: int, end: int) -> float:
+        """Return the most that comes together in any instant of [begin, end)."""
+        found = self.foreign(row, receiver, begin, end)
+        instants = [begin, *(start for start, _, _ in found if start > begin)]
+        return max(sum(mw for start, over, mw in found if start <= at < over) for at in instants)
+
+    def transmission(self, heard: Row) -> Row:
+        at = int(np.searchsorted(self.starts, heard["time_ns"]))
+        same = ("time_ns", "source", "radio")
+        return next(row for row in self.sent[at:] if all(row[name] == heard[name] for name in same))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_worst_ratio_of_every_frame_is_that_of_the_tables(seed: int) -> None:
+    field_ = field(seed)
+    until = 3 * S
+    busy(field_, seed, until)
+    told = Told(field_)
+    settings = told.settings
+    noises = {
+        BLE: noise_mw(PHY_1M, settings[BLE].sensitivity_dbm),
+        WIFI: 10 ** (noise_dbm(settings[WIFI].radio.bandwidth_hz, settings[WIFI].noise_figure_db) / 10),
+    }
+    disturbed = {BLE: 0, WIFI: 0}
+    for heard in told.heard:
+        row, radio = told.transmission(heard), heard["radio"]
+        if not S // 2 <= heard["time_ns"] < until - 100 * MS or heard["sinr_db"] is None:
+            continue  # what they have met may be in no table: advertisements, and what is not over
+        late = US if radio == WIFI else 0
+        begin, end = row["time_ns"] + late, row["time_ns"] + row["duration_ns"] + late
+        own = [
+            each
+            for each in told.sent
+            if each["radio"] == radio and each is not row
+            and each["time_ns"] < end and each["time_ns"] + each["duration_ns"] + late > row["time_ns"]
+        ]  # fmt: skip
+        if own:
+            continue  # it has also met its like
+        worst = told.worst_mw(row, heard["receiver"], begin, end)
+        disturbed[radio] += worst > 0
+        signal = told.mw(radio) * gain(field_, heard["source"], heard["receiver"])
+        expected = 10 * np.log10(signal / (noises[radio] + worst))
+        assert heard["sinr_db"] == pytest.approx(expected, abs=1e-6), (heard, row)
+    assert min(disturbed.values()) > 10
+
+
+# ---------------------------------------------------------------- listening before talking
+
+
+def begins_within(sent: list[Row], spans: list[tuple[int, int]], after: int) -> int:
+    """Return how many frames that had to contend begin in one of *spans*, later than *after* its begin."""
+    return sum(any(start + after < row["time_ns"] < end for start, end in spans) for row in sent)
+
+
+@pytest.mark.parametrize(("distance_m", "defers"), [(12.3, True), (12.4, False)])
+def test_a_station_hears_a_carrier_of_0_dbm_as_far_as_12_3_m(distance_m: float, defers: bool) -> None:
+    """40.2 + 20 lg 12.3 = 62.0 dB in free space, and energy of -62 dBm makes the medium busy."""
+    link = {"interval_s": 0.0075, "phy": "coded"}
+    radios = [{"kind": "ble", "connection": link}, {"kind": "adhoc", "channel": 6, "rate_mbps": 11}]
+    field_ = SharedField(radios, [(0, 0), (0.01, 0), (distance_m, 0), (distance_m + 1, 0)], [(0,), (0,), (1,), (1,)])
+    field_.at(0, 0, Page(1))
+    for number in range(400):
+        field_.at(S + number * 7 * MS, 0, Outgoing(1, bytes(100)))
+    for number in range(1500):
+        field_.at(S + number * 1_777_777, 2, Outgoing(3, bytes(20), None, WIFI))
+    field_.until(4 * S)
+    told = Told(field_)
+    loud = [
+        (row["time_ns"], row["time_ns"] + row["duration_ns"])
+        for row in told.sent
+        if row["radio"] == BLE and row["source"] == 0 and abs(told.centre(row) - 2 * WIFI_MHZ) <= 18
+    ]
+    data = [row for row in told.sent if row["radio"] == WIFI and row["kind"] == "DATA"]
+    assert len(data) > 1000
+    sensed = settings_cca(field_)
+    assert (begins_within(data, loud, sensed) == 0) == defers
+    assert begins_within(data, [(end, end + MS) for _, end in loud], 0) > 20
+
+
+def settings_cca(field_: SharedField) -> int:
+    return field_.channel.parts[WIFI]._settings.timing().cca
+
+
+def test_a_station_hears_advertisements_that_nobody_scans_for() -> None:
+    radios = [{"kind": "ble", "advertise": {"interval_s": 0.02}}, {"kind": "adhoc", "channel": 4, "rate_mbps": 11}]
+    field_ = SharedField(radios, [(0, 0), (5, 0), (6, 0)], [(0,), (1,), (1,)])
+    for number in range(2000):
+        field_.at(S + number * 500_003, 1, Outgoing(2, bytes(20), None, WIFI))
+    field_.until(3 * S)
+    told = Told(field_)
+    beacon = field_.channel.parts[BLE].devices[0].station.beacon
+    loud = [(sent.start, sent.end) for sent in beacon.packets(S, 2 * S) if sent.centre_mhz == 2426]
+    data = [row for row in told.sent if row["kind"] == "DATA"]
+    assert len(data) == 2000
+    assert len(loud) > 35
+    assert begins_within(data, loud, settings_cca(field_)) == 0
+    assert begins_within(data, [(end, end + MS) for _, end in loud], 0) > 20
+
+
+# ---------------------------------------------------------------- catching up
+
+
+def test_who_catches_up_when_changes_nothing() -> None:
+    """The air may be asked, and so have all catch up, at any instants, and the radios may be numbered otherwise."""
+
+    def played(asks: int, order: tuple[int, int]) -> list[Any]:
+        field_ = field(7, order)
+        air = field_.channel._air
+        assert air is not None
+        for at in np.random.default_rng(5).integers(1, 2 * S, asks).tolist():
+            field_.kernel.at(at, lambda: air.band.settle(field_.kernel.now), DELIVER)
+        busy(field_, 7, 2 * S, order.index(BLE), order.index(WIFI))
+        field_.close()
+        rows = (row | {"radio": order[row["radio"]]} for name in TABLES for row in field_.rows(name))
+        return sorted(sorted((name, str(value)) for name, value in row.items()) for row in rows)
+
+    alone = played(0, (BLE, WIFI))
+    assert len(alone) > 1000
+    assert played(3000, (BLE, WIFI)) == alone
