@@ -27,7 +27,7 @@ from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.routing.base import COUNTS, Delivery, Router
 from cosim.channels.adhoc.settings import UNJAMMED, AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, FINISHED, HEARD, NEVER, NOTHING, Records, Report
-from cosim.channels.adhoc.stations import Begun, Kept, Rules, Stations, Wanted
+from cosim.channels.adhoc.stations import Kept, Rules, Stations, Wanted
 from cosim.channels.adhoc.tables import doings, receptions, transmissions
 from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Arrival, Flying, Positions
@@ -125,21 +125,19 @@ class AdhocChannel(IdealChannel):
         self._draws = streams.draws("adhoc")
         self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         rules = Rules(settings.timing(), settings.access, None if settings.propagation is None else settings.limits())
+        neighbours = None if air is None else Neighbours(air, settings, kernel, self._strength)
         wanted = Wanted(
             frames=trace.wants(FRAMES),
             intervals=self.intervals.wanted,
             transmissions=trace.wants(TRANSMISSIONS),
             receptions=trace.wants(RECEPTIONS),
             packets=self.payloads.wanted,
-            begun=air is not None,
+            begun=None if neighbours is None else neighbours.tell,
         )
         self._stations = Stations(size, rules, kernel, self._draws, self, wanted)
-        self._neighbours: Neighbours | None = None
-        if air is not None:
-            self._neighbours = Neighbours(air, settings, kernel, self._strength, self._stations.take_begun)
-        self._jamming = Jamming(kernel, self._jam_mw, self._stations, size, self._neighbours)
-        if self._neighbours is not None:
-            self._neighbours.noticed = self._jamming.noticed
+        self._jamming = Jamming(kernel, self._jam_mw, self._stations, size, neighbours)
+        if neighbours is not None:
+            neighbours.begun, neighbours.noticed = self._stations.take_begun, self._jamming.noticed
         self._forwarding = self._routers(streams)
 
     def _routers(self, streams: Streams) -> Forwarding | None:
@@ -360,11 +358,6 @@ class AdhocChannel(IdealChannel):
                 self._row(report, packet, report.station, "received" if report.right else "collided")
         elif report.missed:
             self._row(report, packet, report.destination, "out_of_range")
-
-    def begun(self, frames: Sequence[Begun]) -> None:
-        """Tell other radios of *frames* that have begun."""
-        assert self._neighbours is not None
-        self._neighbours.tell(frames)
 
     def logged(self, kept: Kept) -> None:
         """Write what the stations have kept for tables."""

@@ -26,22 +26,16 @@ KINDS: Final = {"dsss": DSSS, "dsss_short": DSSS, "erp": OFDM, "erp_long_slot": 
 
 
 class Neighbours:
-    """The others in *air*; *begun* takes from the stations what they have begun to send, *sent_mw* are their powers."""
+    """The others in *air*, as stations with *settings* that send with *sent_mw*, (n,), hear them."""
 
-    def __init__(
-        self,
-        air: SharedAir,
-        settings: AdhocSettings,
-        kernel: Kernel,
-        sent_mw: Floats,
-        begun: Callable[[Time], Iterable[Begun]],
-    ) -> None:
+    def __init__(self, air: SharedAir, settings: AdhocSettings, kernel: Kernel, sent_mw: Floats) -> None:
         self.attentive = False
         """True while stations must notice what others send as it begins."""
         self.noticed: Callable[[Time], None] = lambda start: None
         """Called with the instant from which another one will send."""
+        self.begun: Callable[[Time], Iterable[Begun]] = lambda until: ()
+        """Takes from the stations the frames that have begun before an instant."""
         self._air, self._kernel = air, kernel
-        self._begun = begun
         self._sent_mw = sent_mw.tolist()
         middle_mhz = FIRST_MHZ + SPACING_MHZ * (settings.channel - 1)
         number = air.join(self)
@@ -80,7 +74,7 @@ class Neighbours:
 
     def catch_up(self, until: Time) -> None:
         """Tell the air of the frames that have begun before *until*."""
-        self.tell(self._begun(until))
+        self.tell(self.begun(until))
 
     def tell(self, frames: Iterable[Begun]) -> None:
         """Tell the air of *frames*."""

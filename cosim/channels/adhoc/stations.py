@@ -7,7 +7,7 @@ stations have one instant and phase, that goes first which was in the kernel's q
 together.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from struct import Struct
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
@@ -85,6 +85,14 @@ class Rules(NamedTuple):
     """Noise and thresholds; None if all frames in reach are alike."""
 
 
+class Begun(NamedTuple):
+    """A frame that has begun."""
+
+    begin: Time
+    end: Time
+    source: Address
+
+
 class Wanted(NamedTuple):
     """What the host wants to hear of, for tables."""
 
@@ -98,19 +106,11 @@ class Wanted(NamedTuple):
     """and what became of it at stations: these three in bulk, later."""
     packets: bool = False
     """Every packet that is off the queue."""
-    begun: bool = False
-    """Every frame as it begins, for other radios that hear it."""
+    begun: Callable[[Iterable[Begun]], None] | None = None
+    """Every frame as it begins, for other radios that hear it: called when no more are kept for ``take_begun``."""
 
 
 NOTHING_WANTED: Final = Wanted()
-
-
-class Begun(NamedTuple):
-    """A frame that has begun."""
-
-    begin: Time
-    end: Time
-    source: Address
 
 
 class Kept(NamedTuple):
@@ -147,9 +147,6 @@ class Host(Protocol):
     def logged(self, kept: Kept) -> None:
         """Write what has been kept, in arrays that are the stations' own."""
 
-    def begun(self, frames: Sequence[Begun]) -> None:
-        """Take *frames* that have begun: there is no room to keep them."""
-
 
 class Stations:
     """All stations of a channel."""
@@ -162,7 +159,8 @@ class Stations:
         self._host = host
         cck = tables(() if limits is None else _rates(self._timing))
         network = new_network(size, *rules, draws.key, cck, kernel.now)
-        if wanted.begun:
+        self._begun = wanted.begun
+        if wanted.begun is not None:
             network = network._replace(begun=new_records(BEGUN_ROWS + 2 * size, BEGUN))
         self._common = network.common[0]
         self._common["noted"], self._common["packets_noted"] = wanted.frames, wanted.packets
@@ -453,8 +451,8 @@ class Stations:
             self._tell()
         self._make_log_room()
         network, size = self._network, len(self._network.stations)
-        if self._common["begun"] + size > len(network.begun) > 0:
-            self._host.begun(self.take_begun(NEVER))
+        if self._begun is not None and self._common["begun"] + size > len(network.begun):
+            self._begun(self.take_begun(NEVER))
         if self._common["free_frame"] == NONE:
             network = with_frames(network, len(network.frames))
         if self._common["free_packet"] == NONE:
