@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.ble.settings import BleSettings
-from cosim.channels.bluetooth.powers import POWER_DBM, noise_dbm
+from cosim.channels.bluetooth.bits.powers import POWER_DBM, noise_dbm
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import NEAREST_M, PropagationSettings

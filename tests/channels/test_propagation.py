@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from scipy import optimize, stats
 
 from cosim.channels.bluetooth.bits.errors import bit_error_rate
-from cosim.channels.bluetooth.powers import POWER_DBM, noise_dbm, thermal_noise_dbm
+from cosim.channels.bluetooth.bits.powers import POWER_DBM, noise_dbm, thermal_noise_dbm
 from cosim.channels.propagation import Propagation, PropagationSettings
 from cosim.geometry.segments import segment_grid
 from cosim.randomness import Draws

@@ -157,15 +157,22 @@ class Band:
 
         Raise LocalProtocolError if a tenant asks for that while it, or another, catches up to *until* or earlier.
         """
+        if asker is not None and until < self._catching:
+            self._told[asker] = max(self._told[asker], until)
+        self.gather(until, asker)
+
+    def gather(self, until: Time, asker: int | None = None) -> None:
+        """Have all tenants but *asker* catch up to *until*: it needs that to find out what it has sent itself.
+
+        Raise LocalProtocolError as :meth:`settle` does.
+        """
         before = self._catching
         if until >= before:
             raise LocalProtocolError(f"a tenant that catches up to {before} asks for {until}")
-        if asker is not None:
-            self._told[asker] = max(self._told[asker], until)
         self._catching = until
         try:
             for number, tenant in enumerate(self._tenants):
-                if self._told[number] < until:
+                if number != asker and self._told[number] < until:
                     tenant.catch_up(until)
                     self._told[number] = max(self._told[number], until)
         finally:

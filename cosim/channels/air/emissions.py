@@ -204,7 +204,20 @@ def sections(table: Table, tuning: Tuning, start: Time, end: Time, wanted: Wante
     return bounds[: count + 1], levels[:count]
 
 
-# ---------------------------------------------------------------- for channels that listen before they talk
+# ---------------------------------------------------------------- for channels with kernels of their own
+
+
+@njit(cache=True, borrows=True)
+def others_mw(table: Table, tuning: Tuning, tenant: int, start: Time, end: Time) -> float:
+    """Return the sum of all that other channels than *tenant* send and that disturbs a receiver during [start, end)."""
+    total = 0.0
+    for at in range(table.state[0]):
+        row = table.rows[at]
+        if row[START] >= end:
+            break
+        if row[END] > start and row[TENANT] != tenant:
+            total += taken_mw(table, at, tuning, Wanted(tenant, NOBODY))
+    return total
 
 
 @njit(cache=True, borrows=True)

@@ -14,7 +14,7 @@ from cosim.channels.air.band import Band, Emission, Tenant
 from cosim.channels.base import Positions
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
-from cosim.kernel import WORLD, Handle, Kernel
+from cosim.kernel import AIR, Handle, Kernel
 from cosim.units import Time
 
 NEVER: Final[Time] = 1 << 62
@@ -50,6 +50,7 @@ class SharedAir:
         self._jammers: list[Jammer] = []
         self._positions_m: Positions = np.zeros((size, 2))
         self._due: Handle | None = None
+        self._soon: Handle | None = None
 
     def join(self, neighbour: Neighbour) -> int:
         """Take *neighbour* in; return its number in the band."""
@@ -103,8 +104,16 @@ class SharedAir:
             self._due.cancel()
             self._due = None
         if due < NEVER:
-            priority = WORLD if due > now else max(WORLD, self._kernel.phase[1])
-            self._due = self._kernel.at(due, self._send_due, priority)
+            self._due = self._kernel.at(due, self._send_due, AIR)
+
+    def reconsider_soon(self) -> None:
+        """Do so at the end of this instant, as a channel may change until then when it begins to send by itself."""
+        if self._soon is None and any(each.attentive for each in self._neighbours):
+            self._soon = self._kernel.at(self._kernel.now, self._reconsider, AIR)
+
+    def _reconsider(self) -> None:
+        self._soon = None
+        self.reconsider()
 
     def _send_due(self) -> None:
         self._due = None
@@ -114,7 +123,7 @@ class SharedAir:
                 each.send_due(now)
         due = min((each.begins_after(now) for each in self._heard_by_others()), default=NEVER)
         if due < NEVER and self._due is None:
-            self._due = self._kernel.at(due, self._send_due, WORLD)
+            self._due = self._kernel.at(due, self._send_due, AIR)
 
     def _heard_by_others(self) -> list[Neighbour]:
         """Return the channels to which another one is attentive."""

@@ -21,13 +21,15 @@ from cosim.channels.bluetooth.medium import (
     NOT_TUNED,
     OUT_OF_RANGE,
     RECEIVED,
-    Jammers,
+    Foreign,
     Medium,
     Noise,
     broken,
     greatest_interference_mw,
     heard_of,
+    is_full,
     judge,
+    note_begun,
     put,
 )
 from cosim.channels.bluetooth.packets import HEADER_AIR
@@ -158,7 +160,9 @@ def _next_event(piconet: State, links: State) -> int:
 
 
 @njit(cache=True, borrows=True)
-def _poll(band: Band, medium: Medium | None, noise: Noise | None, adapted: Adapted | None, p: int) -> int:
+def _poll(
+    band: Band, medium: Medium | None, noise: Noise | None, foreign: Foreign | None, adapted: Adapted | None, p: int
+) -> int:
     """Start the next idle pair; return the fate of its POLL if it is known at once, else RECEIVED.
 
     Who is alone on the air need not put it there: *medium* is None.
@@ -173,7 +177,9 @@ def _poll(band: Band, medium: Medium | None, noise: Noise | None, adapted: Adapt
     piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = tick, k, links[HERE, k]
     if medium is not None:
         start = time_of(piconet, tick)
-        put(medium, master, start, start + HEADER_AIR, _channel(band, adapted, p, tick))
+        channel = _channel(band, adapted, p, tick)
+        put(medium, master, start, start + HEADER_AIR, channel)
+        note_begun(foreign, master, start, channel)
     band.carriers_dbm[p, 0] = band.power_dbm[master, slave]
     band.carriers_dbm[p, 1] = band.power_dbm[slave, master]
     if not heard_of(noise, band.carriers_dbm[p, 0], DETECTABLE_DB):
@@ -188,7 +194,7 @@ def _end(
     band: Band,
     medium: Medium | None,
     noise: Noise | None,
-    jammers: Jammers | None,
+    foreign: Foreign | None,
     adapted: Adapted | None,
     p: int,
     assess: bool,
@@ -213,7 +219,7 @@ def _end(
         fate = BIT_ERRORS + lost if lost else RECEIVED
     else:
         channel, end = _channel(band, adapted, p, tick), start + HEADER_AIR
-        found = judge(medium, noise, jammers, source, receiver, channel, start, end, carrier, 0, False, ACCESS_CODE)
+        found = judge(medium, noise, foreign, source, receiver, channel, start, end, carrier, 0, False, ACCESS_CODE)
         fate = found & ~MET
     if assess and (up or fate != RECEIVED):
         _assess(band, adapted, p, fate == RECEIVED)
@@ -226,12 +232,13 @@ def _end(
             if medium is not None:
                 answer, channel = time_of(piconet, tick + 2), _channel(band, adapted, p, tick + 2)
                 put(medium, links[SLAVE, k], answer, answer + HEADER_AIR, channel)
+                note_begun(foreign, links[SLAVE, k], answer, channel)
     return fate
 
 
 @njit(cache=True, borrows=True)
 def _note_powers(
-    band: Band, medium: Medium, jammers: Jammers | None, adapted: Adapted | None, row: Int64s, powers: Floats
+    band: Band, medium: Medium, foreign: Foreign | None, adapted: Adapted | None, row: Int64s, powers: Floats
 ) -> None:
     """Note what has arrived of the idle frame of a *row* of the log, which has just ended."""
     p, tick, up = row[0], row[1], row[3]
@@ -241,7 +248,7 @@ def _note_powers(
     start = time_of(band.piconets[p], tick)
     powers[0] = band.carriers_dbm[p, up]
     powers[1] = greatest_interference_mw(
-        medium, jammers, source, receiver, _channel(band, adapted, p, tick), start, start + HEADER_AIR
+        medium, foreign, source, receiver, _channel(band, adapted, p, tick), start, start + HEADER_AIR
     )
 
 
@@ -250,7 +257,7 @@ def advance(
     band: Band,
     medium: Medium,
     noise: Noise | None,
-    jammers: Jammers | None,
+    foreign: Foreign | None,
     adapted: Adapted | None,
     until: int,
     last_end: int,
@@ -261,7 +268,8 @@ def advance(
 
     Rows of *log*, shape (m, LOG_FIELDS), take the idle frames in the order of their ends; with m = 0 none are wanted.
     Rows of *powers*, shape (m, LOG_POWERS) or none if those are not wanted, take what arrived of them.
-    Return the number of idle frames; more than m if *log* is too short, in which case the rest is still to be done.
+    Return the number of idle frames; more than m if *log* is too short, in which case the rest is still to be done, as
+    it is if *foreign* has no room left for what has begun.
     """
     size = band.piconets.shape[0]
     when = np.empty(size, dtype=np.int64)
@@ -277,15 +285,20 @@ def advance(
             break
         if 0 < log.shape[0] <= count:
             return count + 1
+        if is_full(foreign):
+            return count
         piconet = band.piconets[p]
         up, over = piconet[STAGE] == 2, piconet[STAGE] > 0
-        fate = _end(band, medium, noise, jammers, adapted, p, True) if over else _poll(band, medium, noise, adapted, p)
+        if over:
+            fate = _end(band, medium, noise, foreign, adapted, p, True)
+        else:
+            fate = _poll(band, medium, noise, foreign, adapted, p)
         if log.shape[0] and (over or fate != RECEIVED):
             row = log[count]
             row[0], row[1], row[2] = p, piconet[PAIR_TICK] + (2 if up else 0), piconet[PAIR_LINK]
             row[3], row[4] = up, fate
             if powers.shape[0]:
-                _note_powers(band, medium, jammers, adapted, row, powers[count])
+                _note_powers(band, medium, foreign, adapted, row, powers[count])
             count += 1
         when[p] = _next_event(piconet, band.links[p])
     for p in range(size):
@@ -346,7 +359,27 @@ def run_alone(
         if when > (2 * until - 1 if when & 1 else 2 * last_end):
             break
         if when & 1:
-            _poll(band, None, noise, adapted, p)
+            _poll(band, None, noise, None, adapted, p)
         else:
             _end(band, None, noise, None, adapted, p, assess)
     piconet[NEXT] = max(piconet[NEXT], end)
+
+
+@njit(cache=True)
+def next_start(piconets: Int64s, links_of: Int64s) -> int:
+    """Return the instant before which no idle frame begins that has not been put on the air, or NEVER.
+
+    What has not begun yet may come later than that, or not at all.
+    """
+    found = NEVER
+    for p in range(len(piconets)):
+        piconet = piconets[p]
+        if piconet[STAGE] == 1:
+            found = min(found, time_of(piconet, piconet[PAIR_TICK] + 2))
+        elif piconet[STAGE] == 2:
+            found = min(found, time_of(piconet, piconet[PAIR_TICK] + 2) + HEADER_AIR)
+        elif piconet[RUNNING]:
+            tick, _ = next_poll(piconet, links_of[p], links_of[p][DUE], piconet[NEXT])
+            if tick != NEVER:
+                found = min(found, time_of(piconet, tick))
+    return found

@@ -11,22 +11,24 @@ from typing import Final
 import numpy as np
 
 import cosim.elementary as elementary
+from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Arrival, Channel, Flying, Positions
+from cosim.channels.bluetooth.bits.powers import POWER_DBM
 from cosim.channels.bluetooth.controller import Controller
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
-from cosim.channels.bluetooth.powers import POWER_DBM
 from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
 from cosim.channels.bluetooth.settings import BluetoothSettings
+from cosim.channels.bluetooth.tenancy import Tenancy
 from cosim.channels.bluetooth.transport import Transport
 from cosim.channels.clock import NativeClock
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier
-from cosim.channels.reach import Disc, Floor, reach_of
+from cosim.channels.reach import Disc, Fading, Floor, reach_of
 from cosim.errors import LocalProtocolError, UserError
 from cosim.intervals import Interval
 from cosim.kernel import WAKE, Kernel
@@ -79,15 +81,24 @@ class BluetoothChannel(Channel):
         streams: Streams,
         floor: Floor | None = None,
         power_classes: Sequence[int | None] = (),
+        shared: SharedAir | None = None,
     ) -> None:
-        """*floor* is needed where signals fade; *power_classes* are the robots' own, None for that of the settings."""
+        """*floor* is needed where signals fade; *power_classes* are the robots' own, None for that of the settings.
+
+        *shared* is None if no radios of other kinds are heard.
+        """
         super().__init__(kernel, trace, size)
         self.settings = settings
         self._on = np.ones(size, dtype=np.bool_)
         self._all_on = True
         powers_dbm = [POWER_DBM[own or settings.power_class] for own in power_classes or [None] * size]
-        shadowing = streams.draws("bluetooth", "shadowing")
-        self._reach = reach_of(settings.range_m, settings.propagation, powers_dbm, floor, shadowing)
+        self._shared = shared
+        self._reach: Disc | Fading
+        if shared is None:
+            shadowing = streams.draws("bluetooth", "shadowing")
+            self._reach = reach_of(settings.range_m, settings.propagation, powers_dbm, floor, shadowing)
+        else:
+            self._reach = Fading(np.array(powers_dbm), shared.propagation)
         self._calls_wanted = trace.wants(CALLS)
         self._courses = Courses(self.intervals)
         self._switched_off: list[Time] = [-1] * size  # when each was last
@@ -103,6 +114,7 @@ class BluetoothChannel(Channel):
             streams.draws("bluetooth", "errors").key,
             self._record_sent if wanted[TRANSMISSIONS] else None,
             self._record_arrived if wanted[RECEPTIONS] else None,
+            None if shared is None else partial(Tenancy, shared, kernel, np.array(powers_dbm)),
         )
         self._transport = (
             None
@@ -207,11 +219,13 @@ class BluetoothChannel(Channel):
         if isinstance(self._reach, Disc):
             raise UserError("radios without propagation notice no walls")
         self._reach.obstruct(barriers)
+        if self._shared is not None:
+            self._shared.obstruct(barriers)
         self._update_powers()
 
     def advance(self, now: Time) -> None:
-        """Record idle frames up to *now* if they are wanted; powers do not change here but in ``moved``."""
-        if self._idle_wanted:
+        """Record, or tell the air, idle frames up to *now* if they are wanted; powers change in ``moved`` only."""
+        if self._idle_wanted or self._shared is not None:
             self.air.advance(now)
 
     def under_way(self, now: Time) -> list[Interval]:

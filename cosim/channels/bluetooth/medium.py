@@ -16,7 +16,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 
 import cosim.elementary as elementary
-from cosim.arrays import Floats
+from cosim.arrays import Floats, Int64s
+from cosim.channels.air.emissions import COLUMNS, Table, Tuning, others_mw
+from cosim.channels.air.spectra import CLASSIC, STEPS_PER_MHZ, shares
 from cosim.channels.bluetooth.bits.errors import (
     ACCESS_CODE,
     CLEAR_DB,
@@ -39,6 +41,11 @@ RING: Final = 8
 
 GAPS: Final = 8
 """Number of times kept at which a train is interrupted, for an answer that is received: not more than every 1.25 ms."""
+
+BEGUN_FIELDS: Final = 3
+"""Columns of idle frames that have begun: start, sender, channel."""
+LOWEST_MHZ: Final = 2402
+"""Centre of channel 0."""
 
 # modes of interference
 NONE: Final = 0
@@ -126,13 +133,21 @@ class Noise(NamedTuple):
     key_1: int
 
 
-class Jammers(NamedTuple):
-    """What jams; where nothing does, None as for :class:`Noise`."""
+class Foreign(NamedTuple):
+    """What disturbs and is not Bluetooth's: jammers, other radios. Where nothing does, None as for :class:`Noise`."""
 
     sent: Records
     """(jammers,)."""
     power_mw: Floats
     """(jammers, n): what each device receives of each jammer."""
+    table: Table
+    """What is on the air that others share; nothing if none do."""
+    tenant: int
+    """The number of Bluetooth there."""
+    begun: Int64s
+    """(room, BEGUN_FIELDS): idle frames that have begun and are to be told there; without room if none are."""
+    noted: Int64s
+    """(1,): their number."""
 
 
 def new_medium(size: int, mode: int) -> Medium:
@@ -143,6 +158,13 @@ def new_medium(size: int, mode: int) -> Medium:
     for name in ("start", "end", "channel"):
         frames[name] = -1
     return Medium(mode, power_dbm, frames, records(size, SENDER), records(0, TRAIN))
+
+
+def jamming(jammers: Sequence[Jammer], size: int) -> Foreign:
+    """Return *jammers* whom none of *size* devices receives yet, in an air of Bluetooth's own."""
+    alone = Table(np.zeros((1, COLUMNS), np.int64), np.zeros(1), np.zeros(2, np.int64), np.zeros((1, 1, 1)), shares())
+    begun = np.zeros((0, BEGUN_FIELDS), np.int64)
+    return Foreign(jam_records(jammers), np.zeros((len(jammers), size)), alone, 0, begun, np.zeros(1, np.int64))
 
 
 def records(shape: int | tuple[int, ...], fields: "np.dtype[np.void]") -> Records:
@@ -159,6 +181,25 @@ def put(medium: Medium, source: int, start: int, end: int, channel: int) -> None
     frame.start, frame.end, frame.channel = start, end, channel
     sender.next = (sender.next + 1) % RING
     sender.until = max(sender.until, end)
+
+
+@njit(cache=True, borrows=True)
+def note_begun(foreign: Foreign | None, source: int, start: int, channel: int) -> None:
+    """Note an idle frame of *source* for other radios, if there are any."""
+    if foreign is not None:  # noqa: SIM102  # numba leaves out what is behind a plain test for None only
+        if len(foreign.begun) > 0:
+            at = foreign.noted[0]
+            foreign.begun[at, 0], foreign.begun[at, 1], foreign.begun[at, 2] = start, source, channel
+            foreign.noted[0] = at + 1
+
+
+@njit(cache=True, borrows=True)
+def is_full(foreign: Foreign | None) -> bool:
+    """Return whether there is no room for another idle frame that has begun."""
+    if foreign is not None:  # noqa: SIM102
+        if len(foreign.begun) > 0:
+            return bool(foreign.noted[0] + 1 >= len(foreign.begun))
+    return False
 
 
 @njit(cache=True, borrows=True)
@@ -187,15 +228,46 @@ def _ids(train: Any, mode: int, channel: int, start: int, end: int) -> float:
         begin = start_of(train.phase, train.ppm, tick)
         if begin >= end:
             return total
-        sent = tick & 2 == 0
-        for gap in range(GAPS):
-            sent &= not train.silent_since[gap] <= begin < train.silent_until[gap]
-        if sent:
-            turn = (tick - train.first) // train.switch
-            koffset = train.koffset if turn % 2 == 0 else 32 - train.koffset
-            x = train_phase_of(tick + train.estimate, koffset)
-            total += _weight(mode, train.channels[x] - channel)
+        if _sends_id(train, tick, begin):
+            total += _weight(mode, _id_channel(train, tick) - channel)
         tick += 1
+
+
+@njit(cache=True)
+def list_ids(train: Any, since: int, until: int, found: Int64s) -> int:
+    """Write (start, channel) of the IDs of one train that start in [since, until) to *found*, (m, 2); return how many.
+
+    They are those from *since* on; more than m are not looked for.
+    """
+    tick = max(tick_at(train.phase, train.ppm, max(since, train.since) - 1) + 1, train.first)
+    count, until = 0, min(until, train.until)
+    while count < len(found):
+        begin = start_of(train.phase, train.ppm, tick)
+        if begin >= until:
+            break
+        if _sends_id(train, tick, begin):
+            found[count, 0], found[count, 1] = begin, _id_channel(train, tick)
+            count += 1
+        tick += 1
+    return count
+
+
+@njit(cache=True, borrows=True)
+def _sends_id(train: Any, tick: int, begin: int) -> bool:
+    """Return whether a train sends an ID at *tick*, which begins at *begin*."""
+    sent = tick & 2 == 0
+    for gap in range(GAPS):
+        sent &= not train.silent_since[gap] <= begin < train.silent_until[gap]
+    return sent
+
+
+@njit(cache=True, borrows=True)
+def _id_channel(train: Any, tick: int) -> int:
+    """Return the channel of the ID of a train at *tick*."""
+    turn = (tick - train.first) // train.switch
+    koffset = train.koffset if turn % 2 == 0 else 32 - train.koffset
+    channel: int = train.channels[train_phase_of(tick + train.estimate, koffset)]
+    return channel
 
 
 @njit(cache=True, borrows=True)
@@ -215,7 +287,7 @@ def _jam(jam: Any, mode: int, channel: int, start: int, end: int) -> float:
 
 @njit(cache=True, borrows=True)
 def _interference_mw(
-    medium: Medium, jammers: Jammers | None, source: int, receiver: int, channel: int, start: int, end: int
+    medium: Medium, foreign: Foreign | None, source: int, receiver: int, channel: int, start: int, end: int
 ) -> float:
     """Return the sum of all powers at *receiver* on or beside *channel* during [start, end), without *source*."""
     mode = medium.mode
@@ -239,10 +311,12 @@ def _interference_mw(
         outside = train.since >= end or train.until <= start - ID_AIR
         if train.sender != source and train.sender != receiver and dbm > -np.inf and not outside:
             total += elementary.exp10(dbm / 10.0) * _ids(train, mode, channel, start, end)
-    if jammers is not None:
-        for row in range(len(jammers.sent)):
-            if jammers.power_mw[row, receiver] > 0.0:
-                total += jammers.power_mw[row, receiver] * _jam(jammers.sent[row], mode, channel, start, end)
+    if foreign is not None:
+        for row in range(len(foreign.sent)):
+            if foreign.power_mw[row, receiver] > 0.0:
+                total += foreign.power_mw[row, receiver] * _jam(foreign.sent[row], mode, channel, start, end)
+        tuning = Tuning(CLASSIC, STEPS_PER_MHZ * (LOWEST_MHZ + channel), receiver)
+        total += others_mw(foreign.table, tuning, foreign.tenant, start, end)
     return total
 
 
@@ -268,7 +342,7 @@ def broken(
 def judge(
     medium: Medium,
     noise: Noise | None,
-    jammers: Jammers | None,
+    foreign: Foreign | None,
     source: int,
     receiver: int,
     channel: int,
@@ -286,7 +360,7 @@ def judge(
     before *end* must be on the air by now.
     """
     lost = broken(noise, source, receiver, start, carrier_dbm, bits, coded)
-    met = _interference_mw(medium, jammers, source, receiver, channel, start, end) > 0.0
+    met = _interference_mw(medium, foreign, source, receiver, channel, start, end) > 0.0
     carrier = elementary.exp10(carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE if met else 0.0
     alone = end - start <= ID_AIR
     for section in range(first, PAYLOAD + 1):
@@ -298,7 +372,7 @@ def judge(
             since, until = start + HEADER_AIR, end
         if section > ACCESS_CODE and alone:
             break
-        if met and carrier < _interference_mw(medium, jammers, source, receiver, channel, since, until):
+        if met and carrier < _interference_mw(medium, foreign, source, receiver, channel, since, until):
             return COLLIDED + section + MET
         if lost == section:
             return BIT_ERRORS + section + (MET if met else 0)
@@ -307,17 +381,17 @@ def judge(
 
 @njit(cache=True, borrows=True)
 def greatest_interference_mw(
-    medium: Medium, jammers: Jammers | None, source: int, receiver: int, channel: int, start: int, end: int
+    medium: Medium, foreign: Foreign | None, source: int, receiver: int, channel: int, start: int, end: int
 ) -> float:
     """Return the greatest sum of powers that overlaps a section of the frame [start, end), as :func:`judge` has it."""
-    if _interference_mw(medium, jammers, source, receiver, channel, start, end) == 0.0:
+    if _interference_mw(medium, foreign, source, receiver, channel, start, end) == 0.0:
         return 0.0
     if end - start <= ID_AIR:
-        access: float = _interference_mw(medium, jammers, source, receiver, channel, start, end)
+        access: float = _interference_mw(medium, foreign, source, receiver, channel, start, end)
         return access
-    access = _interference_mw(medium, jammers, source, receiver, channel, start, start + ACCESS_AIR)
-    header = _interference_mw(medium, jammers, source, receiver, channel, start + ACCESS_AIR, start + HEADER_AIR)
-    payload = _interference_mw(medium, jammers, source, receiver, channel, start + HEADER_AIR, end)
+    access = _interference_mw(medium, foreign, source, receiver, channel, start, start + ACCESS_AIR)
+    header = _interference_mw(medium, foreign, source, receiver, channel, start + ACCESS_AIR, start + HEADER_AIR)
+    payload = _interference_mw(medium, foreign, source, receiver, channel, start + HEADER_AIR, end)
     return max(access, header, payload)
 
 

@@ -23,7 +23,7 @@ from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, LOG_POWERS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
-from cosim.channels.bluetooth.medium import BIT_ERRORS, MET, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
+from cosim.channels.bluetooth.medium import BIT_ERRORS, MET, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Foreign, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import (
     PAIR_LINK,
@@ -35,6 +35,7 @@ from cosim.channels.bluetooth.polling import (
     USED,
     WORD,
 )
+from cosim.channels.bluetooth.tenancy import Tenancy
 from cosim.channels.clock import NativeClock, start_of
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
@@ -160,6 +161,7 @@ class Air:
         key: tuple[int, int] = (0, 0),
         sent: Callable[[Frame, bytes, bool], None] | None = None,
         arrived: Callable[[Frame, Fate, float, float], None] | None = None,
+        neighbours: Callable[["Air"], Tenancy] | None = None,
     ) -> None:
         self.medium = mediums.new_medium(size, MODES[interference])
         self.band: Band = bands.new_band(self.medium)
@@ -168,7 +170,9 @@ class Air:
         self.noise = Noise(noise_dbm, *key) if noise_dbm > _NOTHING_DBM else None
         self.fades = self.noise is not None
         """True if powers are those of a law of propagation."""
-        self._jammers: Jammers | None = None
+        self._jammers: Foreign | None = None
+        self._tenancy = None if neighbours is None else neighbours(self)
+        """Its place in an air that others share."""
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
         self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
@@ -224,8 +228,7 @@ class Air:
     def set_jammers(self, jammers: Sequence[Jammer], now: Time) -> None:
         """Put these jammers, and no others, on the air; no device receives them before :meth:`set_jam_powers`."""
         self.advance(now)
-        power_mw = np.zeros((len(jammers), len(self.medium.power_dbm)))
-        self._jammers = Jammers(mediums.jam_records(jammers), power_mw) if jammers else None
+        self._jammers = mediums.jamming(jammers, len(self.medium.power_dbm)) if jammers else None
         self.changed(now)
 
     def set_jam_powers(self, power_dbm: Floats, now: Time) -> None:
@@ -242,6 +245,8 @@ class Air:
         A frame that ends at the instant at which powers change is judged with the new ones.
         """
         last_end = now if last_end is None else last_end
+        if self._tenancy is not None:
+            self._tenancy.gather(last_end)
         if self._running and self._closing < now:
             self.advance(self._closing)  # from there on a piconet may be alone
         if self._idle:
@@ -261,8 +266,21 @@ class Air:
     def _advance_together(self, now: Time, last_end: Time, log: Int64s = _NO_LOG, powers: Floats = _NO_POWERS) -> int:
         self._put_sent()
         self._others = max(self._others, now + LONGEST_FRAME)
-        state = self.band, self.medium, self.noise, self._jammers, self.adapted
-        return int(bands.advance(*state, now, last_end, log, powers))
+        while True:
+            state = self.band, self.medium, self.noise, self._foreign, self.adapted
+            count = int(bands.advance(*state, now, last_end, log, powers))
+            if self._tenancy is None or not self._tenancy.tell_begun():
+                return count
+
+    @property
+    def _foreign(self) -> Foreign | None:
+        """What disturbs and is not Bluetooth's."""
+        return self._jammers if self._tenancy is None else self._tenancy.heard(self._jammers)
+
+    @property
+    def _quiet(self) -> bool:
+        """True if nothing disturbs that is not Bluetooth's."""
+        return self._jammers is None and self._tenancy is None
 
     def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
@@ -298,7 +316,7 @@ class Air:
         """Note what can destroy frames; *master* is that of the only piconet that sends anything, if it is."""
         self._stray_until(now + LONGEST_FRAME)
         medium = self.medium
-        quiet = medium.mode == mediums.NONE or (not len(medium.trains) and self._jammers is None)
+        quiet = medium.mode == mediums.NONE or (not len(medium.trains) and self._quiet)
         self._master = master if quiet else None
         alone = medium.mode == mediums.NONE or self._running <= 1
         self.calm = self.noise is None and quiet and alone
@@ -320,6 +338,8 @@ class Air:
         while sent and sent[0][2] + 2 * LONGEST_FRAME < start:
             sent.popleft()
         sent.append((source, start, end, channel))
+        if self._tenancy is not None:
+            self._tenancy.tell(source, start, end, channel)
 
     def _put_sent(self) -> None:
         """Put into the medium what is not there yet."""
@@ -421,7 +441,7 @@ class Air:
         fate: int = mediums.judge(
             self.medium,
             self.noise,
-            self._jammers,
+            self._foreign,
             frame.source,
             receiver,
             frame.channel,
@@ -438,7 +458,7 @@ class Air:
 
     def _undisturbed(self, source: Address, receiver: Address, start: Time, end: Time) -> bool:
         """Return whether nobody but *source* and *receiver* sends anything during [start, end), on any channel."""
-        if start < self._others or self._jammers is not None:
+        if start < self._others or not self._quiet:
             return False
         for train in self._trains:
             if train.device not in (source, receiver):
@@ -470,7 +490,7 @@ class Air:
             return 0.0
         self._put_sent()
         ways = frame.source, receiver, frame.channel
-        met: float = mediums.greatest_interference_mw(self.medium, self._jammers, *ways, start, end)
+        met: float = mediums.greatest_interference_mw(self.medium, self._foreign, *ways, start, end)
         return met
 
     # ------------------------------------------------------------ trains of IDs

@@ -4,10 +4,10 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from cosim.channels.bluetooth.bits.powers import noise_dbm, thermal_noise_dbm
 from cosim.channels.bluetooth.inquiry import InquiryScanSettings, InquirySettings
 from cosim.channels.bluetooth.packets import ACL, AclName
 from cosim.channels.bluetooth.paging import PageSettings
-from cosim.channels.bluetooth.powers import noise_dbm, thermal_noise_dbm
 from cosim.channels.bluetooth.radio import Interference
 from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.channels.bluetooth.state import PiconetSettings, Scheduler

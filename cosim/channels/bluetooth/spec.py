@@ -7,6 +7,7 @@ from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.polling import MOST_SLAVES
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.kinds import ChannelSite, ChannelSpec
+from cosim.channels.propagation import PropagationSettings
 from cosim.protocol import PayloadBytes
 
 
@@ -14,7 +15,8 @@ def _made(settings: BluetoothSettings, site: ChannelSite) -> Channel:
     from cosim.channels.bluetooth.device import BluetoothChannel  # only a run needs the model
 
     walls = site.walls, site.wall_loss_db
-    return BluetoothChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, site.power_classes)
+    run = site.kernel, site.trace, site.size, site.streams
+    return BluetoothChannel(settings, *run, walls, site.power_classes, site.air)
 
 
 def _payload_bytes(settings: BluetoothSettings) -> PayloadBytes:
@@ -22,5 +24,14 @@ def _payload_bytes(settings: BluetoothSettings) -> PayloadBytes:
     return PayloadBytes(longest, longest)
 
 
-SPEC: Final = ChannelSpec(BluetoothSettings, _made, links=lambda settings: MOST_SLAVES, payload_bytes=_payload_bytes)
+def _fades(settings: BluetoothSettings) -> PropagationSettings | None:
+    """Return how signals fade; raise ValueError if nothing disturbs them."""
+    if settings.interference == "none":
+        raise ValueError("interference none: nothing disturbs it")
+    return settings.propagation
+
+
+SPEC: Final = ChannelSpec(
+    BluetoothSettings, _made, links=lambda settings: MOST_SLAVES, payload_bytes=_payload_bytes, fades=_fades
+)
 """The channel."""

@@ -1,50 +1,60 @@
-"""802.11 and LE in one air: what each notices of the other, told anew from the tables of a run."""
+"""802.11, Bluetooth and LE in one air: what each notices of the other, told anew from the tables of a run."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.channels.adhoc.phy import noise_dbm
-from cosim.channels.air.spectra import DSSS, LE_1M, OFDM, shares
+from cosim.channels.air.band import Emission
+from cosim.channels.air.spectra import CLASSIC, DSSS, LE_1M, OFDM, shares
 from cosim.channels.ble.bits.errors import noise_mw
 from cosim.channels.ble.phy import LE_1M as PHY_1M
+from cosim.channels.bluetooth.bits.powers import POWER_DBM
+from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.kernel import DELIVER
-from cosim.machine import BROADCAST, Outgoing, Page, Scan
+from cosim.machine import BROADCAST, Inquire, Outgoing, Page, Scan
 from cosim.units import MS, US, S
 from tests.channels.air.shared_field import SharedField
 
-BLE, WIFI = 0, 1
+BLE, WIFI = 0, 1  # numbers of radios; in place of LE it may be Bluetooth
 WIFI_MHZ = 2437
 TABLES = ("transmissions", "receptions")
 Row = dict[str, Any]
 
 
-def field(seed: int, order: tuple[int, int] = (BLE, WIFI), **settings: Any) -> SharedField:
-    """Return robots 0 and 1 with LE, 2 and 3 with 802.11, and 4 with both, at places of their own."""
+def field(seed: int, classic: bool, **settings: Any) -> SharedField:
+    """Return robots 0 and 1 with LE, or Bluetooth, 2 and 3 with 802.11, and 4 with both, at places of their own."""
     random = np.random.default_rng((28, seed))
     places = random.uniform(0.0, 12.0, (5, 2)).tolist()
     rate = float(random.choice((1, 2, 5.5, 11)))
     phy = {"phy": "erp", "rate_mbps": 24} if seed % 3 == 0 else {"phy": "dsss", "rate_mbps": rate}
     ble = {"kind": "ble", "connection": {"interval_s": 0.0075}, "power_dbm": float(random.choice((0, 8)))}
     adhoc = {"kind": "adhoc", "channel": 6, "power_dbm": float(random.choice((0, 15))), **phy}
-    of_kind = {BLE: ble, WIFI: adhoc}
-    carried = [(order.index(BLE),)] * 2 + [(order.index(WIFI),)] * 2 + [(0, 1)]
-    return SharedField([of_kind[kind] for kind in order], places, carried, seed=seed, **settings)
+    if classic:
+        idle = {"idle_frames": True, "t_poll_slots": 16, "interference": "neighbouring"}
+        ble = {"kind": "bluetooth", "power_class": int(random.choice((2, 3))), **idle}
+    carried = [(BLE,)] * 2 + [(WIFI,)] * 2 + [(BLE, WIFI)]
+    return SharedField([ble, adhoc], places, carried, seed=seed, **settings)
 
 
-def busy(field: SharedField, seed: int, until: int, ble: int = BLE, wifi: int = WIFI) -> None:
-    """Have all hosts say something at random times, with links and searches, and run *until* then."""
+def busy(field: SharedField, seed: int, since: int, until: int) -> None:
+    """Make links from robot 0, and have all hosts say something at random times *since* an instant *until* another.
+
+    The tables have neither advertisements nor IDs that nobody has listened to: there are none after *since*.
+    """
     random = np.random.default_rng((29, seed))
-    field.at(MS, 0, Page(1, radio=ble), Page(4, radio=ble))
-    for robot in (0, 1, 4):  # tables have no advertisements that nobody has listened to
-        field.at(400 * MS, robot, Scan(False, radio=ble))
+    field.at(MS, 0, Page(1), Page(4))
+    field.until(since - 100 * MS)
+    for robot in (0, 1, 4):
+        field.at(field.kernel.now, robot, Scan(False))
     for _ in range(150):
-        at, octets = int(random.integers(S // 2, until - 200 * MS)), int(random.integers(1, 1200))
-        field.at(at, 0, Outgoing(int(random.choice((1, 4, BROADCAST))), bytes(octets % 200), None, ble))
+        at, octets = int(random.integers(since, until - 200 * MS)), int(random.integers(1, 1200))
+        field.at(at, 0, Outgoing(int(random.choice((1, 4, BROADCAST))), bytes(octets % 200)))
         source, destination = random.choice((2, 3, 4), 2, replace=False).tolist()
         for _ in range(int(random.integers(1, 6))):
-            field.at(at + int(random.integers(5 * MS)), source, Outgoing(destination, bytes(octets), None, wifi))
+            field.at(at + int(random.integers(5 * MS)), source, Outgoing(destination, bytes(octets), None, WIFI))
     field.until(until)
 
 
@@ -64,16 +74,20 @@ class Told:
         field.close()
         self.sent = sorted(field.rows("transmissions"), key=lambda row: row["time_ns"])
         self.heard = field.rows("receptions")
-        first, second = (
-            part._settings if hasattr(part, "_settings") else part.settings for part in field.channel.parts
-        )
-        self.settings = {BLE: first, WIFI: second}
-        self.wide = OFDM if self.settings[WIFI].phy == "erp" else DSSS
+        ble, wifi = field.channel.parts
+        self.settings = {BLE: ble.settings, WIFI: wifi._settings}
+        self.classic = isinstance(ble.settings, BluetoothSettings)
+        self.kinds = {
+            BLE: CLASSIC if self.classic else LE_1M,
+            WIFI: OFDM if self.settings[WIFI].phy == "erp" else DSSS,
+        }
         self.starts = np.array([row["time_ns"] for row in self.sent])
         self.longest = max(row["duration_ns"] for row in self.sent)
 
     def mw(self, radio: int) -> float:
-        return float(10 ** (self.settings[radio].power_dbm / 10))
+        settings = self.settings[radio]
+        dbm = POWER_DBM[settings.power_class] if radio == BLE and self.classic else settings.power_dbm
+        return float(10 ** (dbm / 10))
 
     def steps(self, one: Row, other: Row) -> int:
         """Return how far the centres are apart, in steps of 0.5 MHz."""
@@ -82,9 +96,6 @@ class Told:
     def centre(self, row: Row) -> int:
         return 2 * (2402 + int(row["channel"])) if row["radio"] == BLE else 2 * WIFI_MHZ
 
-    def kind(self, row: Row) -> int:
-        return LE_1M if row["radio"] == BLE else self.wide
-
     def foreign(self, row: Row, receiver: int, begin: int, end: int) -> list[tuple[int, int, float]]:
         """Return (begin, end, mW behind the filter of the *receiver* of *row*) of what others send meanwhile."""
         near = range(*np.searchsorted(self.starts, (begin - self.longest, end)))
@@ -92,7 +103,7 @@ class Told:
         for other in (self.sent[at] for at in near):
             over = other["time_ns"] + other["duration_ns"]
             if other["radio"] != row["radio"] and other["time_ns"] < end and over > begin:
-                part = float(shares()[self.kind(other), self.kind(row), self.steps(row, other)])
+                part = float(shares()[self.kinds[other["radio"]], self.kinds[row["radio"]], self.steps(row, other)])
                 mw = self.mw(other["radio"]) * gain(self.field, other["source"], receiver) * part
                 if mw > 1e-14:
                     found.append((other["time_ns"], over, mw))
@@ -100,6 +111,10 @@ class Told:
 
     def worst_mw(self, row: Row, receiver: int, begin: int, end: int) -> float:
         """Return the most that comes together in any instant of [begin, end)."""
+        if row["radio"] == BLE and self.classic:  # all that overlaps a section counts in all of it
+            cuts = [begin, *(cut for cut in (begin + 72 * US, begin + 126 * US) if cut < end), end]
+            sections = pairwise(cuts)
+            return max(sum(mw for _, _, mw in self.foreign(row, receiver, *section)) for section in sections)
         found = self.foreign(row, receiver, begin, end)
         instants = [begin, *(start for start, _, _ in found if start > begin)]
         return max(sum(mw for start, over, mw in found if start <= at < over) for at in instants)
@@ -110,23 +125,25 @@ class Told:
         return next(row for row in self.sent[at:] if all(row[name] == heard[name] for name in same))
 
 
+@pytest.mark.parametrize("classic", [False, True])
 @pytest.mark.parametrize("seed", range(6))
-def test_the_worst_ratio_of_every_frame_is_that_of_the_tables(seed: int) -> None:
-    field_ = field(seed)
-    until = 3 * S
-    busy(field_, seed, until)
+def test_the_worst_ratio_of_every_frame_is_that_of_the_tables(seed: int, classic: bool) -> None:
+    field_ = field(seed, classic)
+    since = 12 * S if classic else S // 2
+    until = since + 5 * S // 2
+    busy(field_, seed, since, until)
     told = Told(field_)
     settings = told.settings
     noises = {
-        BLE: noise_mw(PHY_1M, settings[BLE].sensitivity_dbm),
+        BLE: 10 ** (settings[BLE].noise_dbm / 10) if classic else noise_mw(PHY_1M, settings[BLE].sensitivity_dbm),
         WIFI: 10 ** (noise_dbm(settings[WIFI].radio.bandwidth_hz, settings[WIFI].noise_figure_db) / 10),
     }
     disturbed = {BLE: 0, WIFI: 0}
     for heard in told.heard:
         row, radio = told.transmission(heard), heard["radio"]
-        if not S // 2 <= heard["time_ns"] < until - 100 * MS or heard["sinr_db"] is None:
+        if not since <= heard["time_ns"] < until - 100 * MS or heard["sinr_db"] is None:
             continue  # what they have met may be in no table: advertisements, and what is not over
-        late = US if radio == WIFI else 0
+        late = US if radio == WIFI else 0  # 802.11 has a delay of propagation
         begin, end = row["time_ns"] + late, row["time_ns"] + row["duration_ns"] + late
         own = [
             each
@@ -200,20 +217,53 @@ def test_a_station_hears_advertisements_that_nobody_scans_for() -> None:
 # ---------------------------------------------------------------- catching up
 
 
-def test_who_catches_up_when_changes_nothing() -> None:
-    """The air may be asked, and so have all catch up, at any instants, and the radios may be numbered otherwise."""
+@pytest.mark.parametrize("classic", [False, True])
+def test_who_catches_up_when_changes_nothing(classic: bool) -> None:
+    """The air may be asked, and so have all catch up, at any instants."""
 
-    def played(asks: int, order: tuple[int, int]) -> list[Any]:
-        field_ = field(7, order)
+    def played(asks: int) -> list[Any]:
+        field_ = field(7, classic)
         air = field_.channel._air
         assert air is not None
-        for at in np.random.default_rng(5).integers(1, 2 * S, asks).tolist():
+        for at in np.random.default_rng(5).integers(1, since + S, asks).tolist():
             field_.kernel.at(at, lambda: air.band.settle(field_.kernel.now), DELIVER)
-        busy(field_, 7, 2 * S, order.index(BLE), order.index(WIFI))
+        busy(field_, 7, since, since + 3 * S // 2)
         field_.close()
-        rows = (row | {"radio": order[row["radio"]]} for name in TABLES for row in field_.rows(name))
+        rows = (row for name in TABLES for row in field_.rows(name))
         return sorted(sorted((name, str(value)) for name, value in row.items()) for row in rows)
 
-    alone = played(0, (BLE, WIFI))
+    since = 12 * S if classic else S // 2
+    alone = played(0)
     assert len(alone) > 1000
-    assert played(3000, (BLE, WIFI)) == alone
+    assert played(3000) == alone
+
+
+def test_a_station_hears_the_ids_of_an_inquiry() -> None:
+    """Two IDs in each TX slot, on the 32 channels of the inquiry, each of them told as it begins."""
+    radios = [{"kind": "bluetooth", "power_class": 2}, {"kind": "adhoc", "channel": 6, "rate_mbps": 11}]
+    field_ = SharedField(radios, [(0, 0), (5, 0), (6, 0)], [(0,), (1,), (1,)])
+    air = field_.channel._air
+    assert air is not None
+    heard: list[tuple[int, Emission]] = []
+    tell = air.tell
+
+    def noted(emission: Emission) -> None:
+        heard.append((field_.kernel.now, emission))
+        tell(emission)
+
+    air.tell = noted  # type: ignore[method-assign]
+    field_.at(S, 0, Inquire(8 * S, 1))
+    for number in range(4000):
+        field_.at(2 * S + number * 1_000_003, 1, Outgoing(2, bytes(200), None, WIFI))
+    field_.until(6 * S)
+    ids = [(at, each) for at, each in heard if each.tenant == BLE and 2 * S + 50 * MS <= each.start < 5 * S]
+    assert len(ids) == pytest.approx(2 * (3 * S - 50 * MS) / (1250 * US), abs=2)
+    starts = np.array([each.start for _, each in ids])
+    assert np.array_equal(np.unique(np.round(np.diff(starts) / 100)), [3125, 9375])
+    assert len({each.centre for _, each in ids}) == 32
+    told = Told(field_)
+    data = [row for row in told.sent if row["kind"] == "DATA"]
+    loud = [(each.start, each.end) for _, each in ids if abs(each.centre - 2 * WIFI_MHZ) <= 18]
+    assert len(data) > 3000
+    assert begins_within(data, loud, settings_cca(field_)) == 0
+    assert begins_within(data, [(end, end + MS) for _, end in loud], 0) > 20

@@ -1,0 +1,123 @@
+"""Bluetooth in an air that radios of other kinds share: what it tells them, and how it hears of them.
+
+Frames with payload, of inquiries and of pages are told as they begin. Idle frames, and the IDs of trains, follow from
+arithmetic: they are told up to an instant when somebody asks, or one by one while somebody listens before it talks.
+"""
+
+from typing import Final, Protocol
+
+import numpy as np
+
+import cosim.elementary as elementary
+from cosim.arrays import Floats, Int64s
+from cosim.channels.air.band import Emission
+from cosim.channels.air.shared import NEVER, SharedAir
+from cosim.channels.air.spectra import CLASSIC, STEPS_PER_MHZ
+from cosim.channels.bluetooth.band import Band, next_start
+from cosim.channels.bluetooth.medium import BEGUN_FIELDS, LOWEST_MHZ, Foreign, Medium, jamming, list_ids
+from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
+from cosim.kernel import Kernel
+from cosim.machine import Address
+from cosim.units import MS, Time
+
+ROOM: Final = 8192
+"""Number of idle frames that have begun and can be kept until the air is told: more than are logged at once."""
+_IDS: Final = 1024
+"""Number of IDs that are told at once."""
+_ASKED: Final[Time] = 8 * MS
+"""Time before the last decision of a frame that the next one can still depend on."""
+
+
+class Piconets(Protocol):
+    """All piconets, inquiries and pages of a run."""
+
+    band: Band
+    medium: Medium
+
+    def advance(self, now: Time, last_end: Time | None = None) -> None:
+        """Decide all idle slots that start before *now*, and the fates of frames that end by *last_end*."""
+
+
+class Tenancy:
+    """The tenancy of *piconets*, whose devices send with *sent_dbm*, (n,), in the *air* that others share."""
+
+    def __init__(self, air: SharedAir, kernel: Kernel, sent_dbm: Floats, piconets: Piconets) -> None:
+        self._air, self._kernel, self._piconets = air, kernel, piconets
+        self._sent_mw = elementary.exp10s(np.asarray(sent_dbm, np.float64) / 10.0).tolist()
+        self._number = air.join(self)
+        self._decided: Time = 0
+        """Instant up to which the fates of idle frames are decided."""
+        self._ids_told: Time = 0
+        begun = np.zeros((ROOM + 2 * len(self._sent_mw), BEGUN_FIELDS), np.int64)
+        self._nobody = jamming((), len(self._sent_mw))._replace(tenant=self._number, begun=begun)
+
+    def heard(self, jammers: Foreign | None) -> Foreign:
+        """Return what kernels need to judge frames: *jammers*, and what others have told."""
+        of_air = self._nobody._replace(table=self._air.band.table)
+        return of_air if jammers is None else of_air._replace(sent=jammers.sent, power_mw=jammers.power_mw)
+
+    # ------------------------------------------------------------ what is told
+
+    def tell(self, source: Address, start: Time, end: Time, channel: int) -> None:
+        """Tell the air of a frame."""
+        centre = STEPS_PER_MHZ * (LOWEST_MHZ + channel)
+        self._air.tell(Emission(start, end, CLASSIC, centre, source, self._number, self._sent_mw[source]))
+
+    def tell_begun(self) -> bool:
+        """Tell the air of the idle frames that have begun; return whether there was no more room for them."""
+        count, begun = int(self._nobody.noted[0]), self._nobody.begun
+        self._nobody.noted[0] = 0
+        for start, source, channel in begun[:count].tolist():
+            self.tell(source, start, start + HEADER_AIR, channel)
+        return count + 1 >= len(begun)
+
+    def gather(self, until: Time) -> None:
+        """Have all others tell what they have begun to send before *until*: frames that end then are to be judged."""
+        self._decided = max(self._decided, until)
+        self._air.band.gather(until, self._number)
+        self._air.reconsider_soon()
+
+    def _tell_ids(self, until: Time) -> None:
+        """Tell the air of the IDs that begin before *until*."""
+        since, self._ids_told = self._ids_told, max(self._ids_told, until)
+        for train in self._piconets.medium.trains:
+            begin, found = since, np.empty((_IDS, 2), np.int64)
+            while count := list_ids(train, begin, until, found):
+                for start, channel in found[:count].tolist():
+                    self.tell(int(train["sender"]), start, start + ID_AIR, channel)
+                begin = int(found[count - 1, 0]) + 1
+
+    # ------------------------------------------------------------ as a tenant of the air
+
+    @property
+    def asks_from(self) -> Time:
+        """Instant from which it may still ask for what disturbs frames."""
+        return self._decided - _ASKED
+
+    @property
+    def attentive(self) -> bool:
+        """False: Bluetooth never listens before it talks."""
+        return False
+
+    def hear(self, emission: Emission) -> None:
+        """Do nothing."""
+
+    def catch_up(self, until: Time) -> None:
+        """Tell the air of all that begins before *until*."""
+        self._piconets.advance(until, until - 1)
+        self._tell_ids(until)
+
+    def begins_after(self, time: Time) -> Time:
+        """Return an instant after *time* before which nothing begins by itself."""
+        band = self._piconets.band
+        soonest = next_start(band.piconets, band.links)
+        found: Int64s = np.empty((1, 2), np.int64)
+        for train in self._piconets.medium.trains:
+            if list_ids(train, max(self._ids_told, time + 1), NEVER, found):
+                soonest = min(soonest, int(found[0, 0]))
+        return max(soonest, time + 1)
+
+    def send_due(self, now: Time) -> None:
+        """Tell the air of what begins *now*."""
+        self._piconets.advance(now + 1, now)
+        self._tell_ids(now + 1)
