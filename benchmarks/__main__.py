@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import simpy
 
-from benchmarks import aggregation, exploration, learning, low_energy, reflection, start, workloads
+from benchmarks import aggregation, exploration, learning, low_energy, reflection, shared_air, start, workloads
 from benchmarks.peers import arena
 
 ROUNDS = 7
@@ -33,6 +33,8 @@ class Figure(NamedTuple):
     """How many timeouts it was meant to cost at most."""
     bound_s: float | None = None
     """How many seconds it was meant to take at most, for what a user waits for."""
+    against: tuple[Callable[[int], workloads.Work], ...] = ()
+    """Works whose sum is the unit in place of the timeout."""
 
 
 def bare_timeouts(seed: int) -> workloads.Work:
@@ -53,8 +55,11 @@ def bare_timeouts(seed: int) -> workloads.Work:
 
 
 OVER_ADHOC = ("run", "four.yaml", "--set", "channel.kind=adhoc")
+UNIT = Figure("bare SimPy timeout (the unit)", bare_timeouts)
+IDLE = shared_air.stations(piconet=True, saturated=False, air="apart")
+SATURATED = shared_air.stations(piconet=False, saturated=True, air="apart")
 FIGURES = (
-    Figure("bare SimPy timeout (the unit)", bare_timeouts),
+    UNIT,
     Figure("cosim --help, the whole process", seconds=start.command("--help"), bound_s=0.2),
     Figure("cosim validate four.yaml", seconds=start.command("validate", "four.yaml"), bound_s=1.0),
     Figure("cosim run four.yaml, kernels compiled", seconds=start.command("run", "four.yaml"), bound_s=1.7),
@@ -74,6 +79,18 @@ FIGURES = (
     Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries, bound=1200),
     Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),
     Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages, bound=40),
+    Figure(
+        "minute of that exchange with 802.11 that is silent in one air, against apart",
+        shared_air.exchanges("shared"),
+        bound=1.1,
+        against=(shared_air.exchanges("apart"),),
+    ),
+    Figure(
+        "saturated 802.11 and an idle piconet in one air, against both alone",
+        shared_air.stations(piconet=True, saturated=True, air="shared"),
+        bound=2.0,
+        against=(IDLE, SATURATED),
+    ),
     Figure("agent-step of 8 agents over Bluetooth, all silent", learning.agent_steps(0), bound_s=83e-6),
     Figure("the same, each with a message of 16 bytes", learning.agent_steps(16), bound_s=200e-6),
     *(
@@ -121,9 +138,11 @@ class Measured(NamedTuple):
 
 
 def measured(figure: Figure, seed: int) -> Measured:
-    """Measure a figure between two measurements of the unit."""
-    unit = FIGURES[0]
-    before, seconds, after = seconds_each(unit, seed), seconds_each(figure, seed), seconds_each(unit, seed)
+    """Measure a figure between two measurements of its unit."""
+    units = [Figure("", work) for work in figure.against] or [UNIT]
+    before = sum(seconds_each(unit, seed) for unit in units)
+    seconds = seconds_each(figure, seed)
+    after = sum(seconds_each(unit, seed) for unit in units)
     return Measured(seconds, 2.0 * seconds / (before + after))
 
 
@@ -145,7 +164,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     gc.collect()
     gc.freeze()  # as the workers of a sweep do
     rounds = [[measured(figure, seed) for figure in figures] for seed in range(1, ROUNDS + 1)]
-    print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout, measured before and after each figure")
+    print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout, measured before and after each figure,")
+    print("or of what the name says after 'against'")
     for column, figure in enumerate(figures):
         each = median(row[column].seconds for row in rounds)
         ratios = [row[column].ratio for row in rounds]

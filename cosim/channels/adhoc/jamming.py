@@ -48,6 +48,9 @@ class Others(Protocol):
     def listen(self) -> None:
         """Have them told from now on."""
 
+    def ignore(self) -> None:
+        """Have them told no more."""
+
     def settle(self) -> None:
         """Make known all that has begun before now."""
 
@@ -176,7 +179,7 @@ class Jamming:
         if self._stations.matter:
             self._go_on()
         elif self._others is not None:
-            self._others.attentive = False
+            self._others.ignore()
 
     def _go_on(self) -> None:
         following = self._change_after(self._kernel.now)

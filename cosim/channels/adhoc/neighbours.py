@@ -5,7 +5,7 @@ received. All of it that falls into the channel's band counts, as in ``air.spect
 arrives at other radios as soon as it begins.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -13,11 +13,11 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.channels.adhoc.jamming import FIRST_MHZ, MEMORY, SPACING_MHZ
 from cosim.channels.adhoc.settings import AdhocSettings
-from cosim.channels.adhoc.stations import Begun
+from cosim.channels.adhoc.state import BEGUN, Records, new_records
 from cosim.channels.air.band import Emission
 from cosim.channels.air.emissions import Listening, next_change, write_levels
 from cosim.channels.air.shared import NEVER, SharedAir
-from cosim.channels.air.spectra import DSSS, OFDM, STEPS_PER_MHZ
+from cosim.channels.air.spectra import DSSS, OFDM, OFFSETS, STEPS_PER_MHZ
 from cosim.kernel import Kernel
 from cosim.units import Time
 
@@ -33,11 +33,12 @@ class Neighbours:
         """True while stations must notice what others send as it begins."""
         self.noticed: Callable[[Time], None] = lambda start: None
         """Called with the instant from which another one will send."""
-        self.begun: Callable[[Time], Iterable[Begun]] = lambda until: ()
+        self.begun: Callable[[Time], Records] = lambda until: new_records(0, BEGUN)
         """Takes from the stations the frames that have begun before an instant."""
         self._air, self._kernel = air, kernel
-        self._sent_mw = sent_mw.tolist()
+        self._sent_mw = sent_mw
         middle_mhz = FIRST_MHZ + SPACING_MHZ * (settings.channel - 1)
+        self._shares = air.band.table.shares
         number = air.join(self)
         self._listening = Listening(KINDS[settings.phy], int(STEPS_PER_MHZ * middle_mhz), number)
 
@@ -46,7 +47,13 @@ class Neighbours:
     def listen(self) -> None:
         """Be told of all that others begin to send, from now on."""
         self.attentive = True
+        self._air.review()
         self._air.reconsider()
+
+    def ignore(self) -> None:
+        """Be told no more: all stations are at rest."""
+        self.attentive = False
+        self._air.review()
 
     def settle(self) -> None:
         """Have all others tell what they have begun to send before now."""
@@ -76,11 +83,17 @@ class Neighbours:
         """Tell the air of the frames that have begun before *until*."""
         self.tell(self.begun(until))
 
-    def tell(self, frames: Iterable[Begun]) -> None:
-        """Tell the air of *frames*."""
-        kind, centre, tenant = self._listening
-        for begin, end, source in frames:
-            self._air.tell(Emission(begin, end, kind, centre, source, tenant, self._sent_mw[source]))
+    def tell(self, frames: Records) -> None:
+        """Tell the air of *frames*: begin, end and source of each. No other radio listens before it talks."""
+        self._air.band.tell_all(self._listening, frames["begin"], frames["end"], frames["source"], self._sent_mw)
+
+    @property
+    def silent(self) -> bool:
+        """True if no station has anything to say."""
+        return not self.attentive
+
+    def others_changed(self, alone: bool) -> None:
+        """Do nothing: frames are told when somebody asks."""
 
     def begins_after(self, time: Time) -> Time:
         """Return NEVER: stations send by events."""
@@ -90,5 +103,8 @@ class Neighbours:
         """Do nothing."""
 
     def hear(self, emission: Emission) -> None:
-        """Have the stations notice *emission*."""
-        self.noticed(emission.start)
+        """Have the stations notice *emission*, if any of it falls into the channel's band."""
+        kind, centre, _ = self._listening
+        offset = abs(emission.centre - centre)
+        if offset < OFFSETS and self._shares[emission.kind, kind, offset] > 0.0:
+            self.noticed(emission.start)

@@ -7,7 +7,7 @@ stations have one instant and phase, that goes first which was in the kernel's q
 together.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from struct import Struct
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
@@ -85,14 +85,6 @@ class Rules(NamedTuple):
     """Noise and thresholds; None if all frames in reach are alike."""
 
 
-class Begun(NamedTuple):
-    """A frame that has begun."""
-
-    begin: Time
-    end: Time
-    source: Address
-
-
 class Wanted(NamedTuple):
     """What the host wants to hear of, for tables."""
 
@@ -106,7 +98,7 @@ class Wanted(NamedTuple):
     """and what became of it at stations: these three in bulk, later."""
     packets: bool = False
     """Every packet that is off the queue."""
-    begun: Callable[[Iterable[Begun]], None] | None = None
+    begun: Callable[[Records], None] | None = None
     """Every frame as it begins, for other radios that hear it: called when no more are kept for ``take_begun``."""
 
 
@@ -292,13 +284,15 @@ class Stations:
                 number = int(frame["next"])
         return found
 
-    def take_begun(self, until: Time) -> list[Begun]:
-        """Return the frames that have begun before *until*, and only once."""
-        count = int(self._common["begun"])
-        rows = self._network.begun
-        due = int(np.searchsorted(rows["begin"][:count], until))
-        found = [Begun(*row) for row in rows[:due].tolist()]
-        rows[: count - due] = rows[due:count].copy()
+    def take_begun(self, until: Time) -> Records:
+        """Return the frames that have begun before *until*, and only once: begin, end and source of each."""
+        count, rows = int(self._common["begun"]), self._network.begun
+        due = count
+        while due and rows["begin"][due - 1] >= until:
+            due -= 1
+        found: Records = rows[:due].copy()
+        if due < count:
+            rows[: count - due] = rows[due:count].copy()
         self._common["begun"] = count - due
         return found
 
@@ -461,7 +455,8 @@ class Stations:
             network = network._replace(told=doubled(network.told))
         while self._events[0] + 2 * size + self._under_way[0] + 4 > len(network.agenda):
             network = network._replace(agenda=doubled(network.agenda))
-        self._use(network)
+        if network is not self._network:
+            self._use(network)
 
     def _tell(self) -> bool:
         """Tell the host what has come out; return whether anything has."""

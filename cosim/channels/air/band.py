@@ -11,15 +11,17 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 import cosim.elementary as elementary
-from cosim.arrays import Floats
+from cosim.arrays import Floats, Int64s
 from cosim.channels.air.emissions import (
     COLUMNS,
     GENERATION,
+    Listening,
     Table,
     Tuning,
     Wanted,
     forget,
     insert,
+    insert_all,
     overlapping,
     sections,
 )
@@ -133,8 +135,24 @@ class Band:
             raise LocalProtocolError(f"{emission} is sent by nobody in this band")
         if emission.start < self._told[emission.tenant]:
             raise LocalProtocolError(f"{emission} starts before {self._told[emission.tenant]}, up to which all is told")
+        self.reveal(emission)
+
+    def reveal(self, emission: Emission) -> None:
+        """Put *emission* on the air, at whatever time: nobody has asked for that time yet."""
         self.reserve(1)
         insert(self.table, *emission)
+
+    def tell_all(self, tuned: Listening, starts: Int64s, ends: Int64s, senders: Int64s, powers_mw: Floats) -> None:
+        """Put what *tuned* says on the air, at all of *starts* up to *ends*, (m,); *powers_mw* are by sender.
+
+        Raise LocalProtocolError if one of them starts when its tenant has told all.
+        """
+        if len(starts) == 0:
+            return
+        if starts.min() < self._told[tuned.tenant]:
+            raise LocalProtocolError(f"a start at {starts.min()} is before {self._told[tuned.tenant]}: all is told")
+        self.reserve(len(starts))
+        insert_all(self.table, starts, ends, tuned.kind, tuned.centre, senders, tuned.tenant, powers_mw)
 
     def reserve(self, count: int) -> None:
         """Make room for *count* more emissions in the table: a kernel that tells them itself cannot."""

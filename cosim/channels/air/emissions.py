@@ -103,6 +103,15 @@ def insert(
     return True
 
 
+@njit(cache=True)
+def insert_all(
+    table: Table, starts: Int64s, ends: Int64s, kind: int, centre: int, senders: Int64s, tenant: int, powers_mw: Floats
+) -> None:
+    """Put emissions of one kind and centre in their places; there is room. *powers_mw* are by sender."""
+    for at in range(len(starts)):
+        insert(table, starts[at], ends[at], kind, centre, senders[at], tenant, powers_mw[senders[at]])
+
+
 @njit(cache=True, borrows=True)
 def _precedes(key: tuple[int, int, int, int, int, int], sent_mw: float, row: Int64s, row_mw: float) -> bool:
     for column in range(_KEYS):

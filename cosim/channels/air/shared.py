@@ -3,6 +3,9 @@
 Whoever sends by an event of the kernel tells so at once. What follows from arithmetic is told when somebody asks, as in
 any band; but a radio that listens before it talks must notice it as it begins. So while such a radio is attentive,
 there is an event whenever one of the others begins to send by itself.
+
+While all others are silent a channel is alone, and need not tell anybody anything. As soon as one of them is about to
+send, the channel tells what has been on the air of late.
 """
 
 from collections.abc import Sequence
@@ -15,14 +18,23 @@ from cosim.channels.base import Positions
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.kernel import AIR, Handle, Kernel
-from cosim.units import Time
+from cosim.units import MS, Time
 
+LINGER: Final[Time] = 20 * MS
+"""Time, longer than any frame, after which nothing is on the air that has met what is silent since."""
 NEVER: Final[Time] = 1 << 62
 """An instant that no run reaches."""
 
 
 class Neighbour(Tenant, Protocol):
     """A channel that shares the air of a run."""
+
+    @property
+    def silent(self) -> bool:
+        """True if it sends nothing, and has sent nothing of late that can still disturb."""
+
+    def others_changed(self, alone: bool) -> None:
+        """Note that it is *alone* from now on, or is not any more and tell what has been on the air of late."""
 
     @property
     def attentive(self) -> bool:
@@ -49,13 +61,40 @@ class SharedAir:
         self._neighbours: list[Neighbour] = []
         self._jammers: list[Jammer] = []
         self._positions_m: Positions = np.zeros((size, 2))
+        self._stale_since: Time | None = 0
+        """Since when the band does not know the gains; None if it does."""
+        self._alone: list[bool] = []
+        self._several = False
+        """True if several channels are not silent."""
+        self._loud_until: list[Time] = []
+        """Instants from which each counts as silent again; NEVER if it is not."""
         self._due: Handle | None = None
         self._soon: Handle | None = None
 
     def join(self, neighbour: Neighbour) -> int:
         """Take *neighbour* in; return its number in the band."""
         self._neighbours.append(neighbour)
+        self._alone.append(True)
+        self._loud_until.append(0)
         return self.band.join(neighbour)
+
+    def review(self) -> None:
+        """Note that a channel is silent, or will not be any more: tell all to whom that makes a difference."""
+        now, until = self._kernel.now, self._loud_until
+        for number, neighbour in enumerate(self._neighbours):
+            if not neighbour.silent:
+                until[number] = NEVER
+            elif until[number] == NEVER:
+                until[number] = now + LINGER
+                self._kernel.at(until[number], self.review)
+        loud = {number for number, end in enumerate(until) if end > now}
+        alone = [not loud - {number} for number in range(len(self._neighbours))]
+        before, self._alone, self._several = self._alone, alone, len(loud) > 1
+        if self._several:
+            self.refresh()
+        for neighbour, was, will_be in zip(self._neighbours, before, alone, strict=True):
+            if was != will_be:
+                neighbour.others_changed(will_be)
 
     # ------------------------------------------------------------ gains
 
@@ -78,16 +117,29 @@ class SharedAir:
         return self._size + len(self._jammers) - 1
 
     def _change(self) -> None:
-        """Have the band know the gains of now."""
-        places = np.array([(jammer.x_m, jammer.y_m) for jammer in self._jammers]).reshape(-1, 2)
-        gains_db = self.propagation.gains_db(np.vstack((self._positions_m, places)))
-        self.band.moved(gains_db, self._kernel.now)
+        """Note that gains are others from now on."""
+        self._stale_since = self._kernel.now
+        if self._several:
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Have the band know the gains, from when they have changed on."""
+        if self._stale_since is not None:
+            since, self._stale_since = self._stale_since, None
+            places = np.array([(jammer.x_m, jammer.y_m) for jammer in self._jammers]).reshape(-1, 2)
+            self.band.moved(self.propagation.gains_db(np.vstack((self._positions_m, places))), since)
 
     # ------------------------------------------------------------ what is sent
 
     def tell(self, emission: Emission) -> None:
-        """Put *emission*, which begins now or soon, on the air, and have attentive channels hear it."""
-        self.band.tell(emission)
+        """Put *emission* on the air, and have attentive channels hear it.
+
+        It begins now or soon; or it has begun before, when its channel was alone.
+        """
+        if emission.start < self._kernel.now:
+            self.band.reveal(emission)
+        else:
+            self.band.tell(emission)
         for number, neighbour in enumerate(self._neighbours):
             if number != emission.tenant and neighbour.attentive:
                 neighbour.hear(emission)

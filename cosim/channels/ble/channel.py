@@ -90,6 +90,7 @@ class BleChannel(Channel):
         site = Site(environment, settings, self.devices, self._sessions, streams, self._may_rest, self._changed)
         for address in range(size):
             self.devices.append(Device(site, address))
+        self._ether.tenancy.reconsider = self._changed
         if settings.interference == "band":
             tenancy, beacons = self._ether.tenancy, [device.station.beacon for device in self.devices]
             tenancy.lazies += [*(beacon.packets for beacon in beacons), self._resting]
@@ -190,7 +191,11 @@ class BleChannel(Channel):
 
     def _may_rest(self, session: Session) -> bool:
         """Return whether no other link, and no table, keeps *session* from resting."""
-        if self._air is not None or self._ether.tenancy.jammed or (self._record.wanted and self.settings.idle_frames):
+        if (
+            not self._ether.tenancy.alone
+            or self._ether.tenancy.jammed
+            or (self._record.wanted and self.settings.idle_frames)
+        ):
             return False
         others = [other for other in self._sessions if other.central != session.central]
         if not others:

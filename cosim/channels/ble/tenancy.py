@@ -57,6 +57,12 @@ class Tenancy:
         """Jammers, and their numbers among the senders."""
         self._band = Band(self._size, 0.0) if shared is None else shared.band
         self._number = self._band.join(self) if shared is None else shared.join(self)
+        self.reconsider: Callable[[], None] = lambda: None
+        """Called when others begin, or cease, to be silent."""
+        self.silent = False
+        """False: LE devices mostly advertise."""
+        self.alone = True
+        """True if nobody else sends anything."""
         self._changed_at: Time | None = 0
         """Since when a band of their own does not know the gains; None if it does."""
 
@@ -81,7 +87,7 @@ class Tenancy:
 
     def send(self, packet: Sent) -> None:
         """Put *packet*, which begins now or soon, on the air."""
-        if self.shared is None:
+        if self.shared is None or self.alone:
             self._untold.append(packet)
         else:
             self.shared.tell(self._emission(packet))
@@ -95,6 +101,7 @@ class Tenancy:
             self._take_gains(powers_dbm)
             self._catch_up(packet.end, min(oldest, packet.start) - SHORT_PACKETS)
         else:
+            self.shared.refresh()
             self._catch_up(packet.end, packet.end - LOOKBACK)
         tuning = Tuning(_kind(packet.phy), 2 * packet.centre_mhz, receiver)
         wanted = Wanted(self._number, packet.source)
@@ -110,6 +117,16 @@ class Tenancy:
     def catch_up(self, until: Time) -> None:
         """Tell the band what begins before *until*: of what follows from arithmetic, as far back as it can matter."""
         self._catch_up(until, until - LOOKBACK)
+
+    def others_changed(self, alone: bool) -> None:
+        """Have links rest only while nobody else sends anything."""
+        self.alone = alone
+        if not alone:
+            self.catch_up(self._kernel.now)
+            for packet in self._untold:  # it begins soon
+                self._tell(packet)
+            self._untold = []
+        self.reconsider()
 
     @property
     def attentive(self) -> bool:

@@ -225,7 +225,7 @@ class BluetoothChannel(Channel):
 
     def advance(self, now: Time) -> None:
         """Record, or tell the air, idle frames up to *now* if they are wanted; powers change in ``moved`` only."""
-        if self._idle_wanted or self._shared is not None:
+        if self._idle_wanted or self.air.is_heard:
             self.air.advance(now)
 
     def under_way(self, now: Time) -> list[Interval]:

@@ -26,6 +26,8 @@ from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, MET, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Foreign, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import (
+    HEARD_DOWN,
+    HEARD_UP,
     PAIR_LINK,
     PAIR_TICK,
     PHASE,
@@ -36,7 +38,7 @@ from cosim.channels.bluetooth.polling import (
     WORD,
 )
 from cosim.channels.bluetooth.tenancy import Tenancy
-from cosim.channels.clock import NativeClock, start_of
+from cosim.channels.clock import NativeClock, start_of, tick_at
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.kernel import Kernel
@@ -245,8 +247,9 @@ class Air:
         A frame that ends at the instant at which powers change is judged with the new ones.
         """
         last_end = now if last_end is None else last_end
-        if self._tenancy is not None:
-            self._tenancy.gather(last_end)
+        neighbours = self._neighbours
+        if neighbours is not None:
+            neighbours.gather(last_end)
         if self._running and self._closing < now:
             self.advance(self._closing)  # from there on a piconet may be alone
         if self._idle:
@@ -269,18 +272,54 @@ class Air:
         while True:
             state = self.band, self.medium, self.noise, self._foreign, self.adapted
             count = int(bands.advance(*state, now, last_end, log, powers))
-            if self._tenancy is None or not self._tenancy.tell_begun():
+            if self._neighbours is None or not self._neighbours.tell_begun():
                 return count
+
+    @property
+    def _neighbours(self) -> Tenancy | None:
+        """The place in an air that others share, if they send anything."""
+        return None if self._tenancy is None or self._tenancy.alone else self._tenancy
 
     @property
     def _foreign(self) -> Foreign | None:
         """What disturbs and is not Bluetooth's."""
-        return self._jammers if self._tenancy is None else self._tenancy.heard(self._jammers)
+        neighbours = self._neighbours
+        return self._jammers if neighbours is None else neighbours.heard(self._jammers)
 
     @property
     def _quiet(self) -> bool:
         """True if nothing disturbs that is not Bluetooth's."""
-        return self._jammers is None and self._tenancy is None
+        return self._jammers is None and self._neighbours is None
+
+    @property
+    def is_heard(self) -> bool:
+        """True if radios of other kinds hear its frames, and send themselves."""
+        return self._neighbours is not None
+
+    @property
+    def silent(self) -> bool:
+        """True if there are neither links nor trains."""
+        return not self._running and not self._trains
+
+    def recent(self, since: Time) -> set[tuple[Address, Time, Time, int]]:
+        """Return (source, start, end, channel) of the frames, but not IDs, that were on the air after *since*.
+
+        Of the idle frames of a piconet that was alone these are those that were received, without a pair under way.
+        """
+        rings = enumerate(self.medium.frames.tolist())
+        found = {(source, *frame) for source, ring in rings for frame in ring if frame[1] > since}
+        found |= {frame for frame in self._sent if frame[2] > since}
+        known = {(source, end) for source, _, end, _ in found}
+        for master, links in enumerate(self.band.links):
+            under_way = {(frame.source, frame.start) for frame in self._idle_pair(master)}
+            for heard in (HEARD_DOWN, HEARD_UP):
+                for k, end in enumerate(links[heard].tolist()):
+                    source, start = int(links[SLAVE, k]) if heard == HEARD_UP else master, end - HEADER_AIR
+                    if end > since and (source, end) not in known and (source, start) not in under_way:
+                        piconet = self.band.piconets[master]
+                        channel = self.channel(master, tick_at(int(piconet[PHASE]), int(piconet[PPM]), start))
+                        found.add((source, start, end, channel))
+        return found
 
     def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
@@ -303,6 +342,7 @@ class Air:
         self._disturb()
         self._running, master = bands.senders(self.band.piconets, self.band.links)
         self._settle(master if master >= 0 else None, now)
+        self._review()
 
     def _trains_changed(self, now: Time) -> None:
         """Note that a train has begun or is forgotten."""
@@ -311,6 +351,12 @@ class Air:
             return
         self._disturb()
         self._settle(None, now)
+        self._review()
+
+    def _review(self) -> None:
+        """Have others notice if Bluetooth has begun, or ceased, to send."""
+        if self._tenancy is not None:
+            self._tenancy.review()
 
     def _settle(self, master: Address | None, now: Time) -> None:
         """Note what can destroy frames; *master* is that of the only piconet that sends anything, if it is."""
@@ -338,8 +384,8 @@ class Air:
         while sent and sent[0][2] + 2 * LONGEST_FRAME < start:
             sent.popleft()
         sent.append((source, start, end, channel))
-        if self._tenancy is not None:
-            self._tenancy.tell(source, start, end, channel)
+        if self._neighbours is not None:
+            self._neighbours.tell(source, start, end, channel)
 
     def _put_sent(self) -> None:
         """Put into the medium what is not there yet."""

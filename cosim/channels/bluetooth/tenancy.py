@@ -24,6 +24,8 @@ ROOM: Final = 8192
 """Number of idle frames that have begun and can be kept until the air is told: more than are logged at once."""
 _IDS: Final = 1024
 """Number of IDs that are told at once."""
+MEMORY: Final[Time] = 10 * MS
+"""Time for which others remember what has been on the air: longer than any interframe space."""
 _ASKED: Final[Time] = 8 * MS
 """Time before the last decision of a frame that the next one can still depend on."""
 
@@ -34,8 +36,18 @@ class Piconets(Protocol):
     band: Band
     medium: Medium
 
+    @property
+    def silent(self) -> bool:
+        """True if none of them sends anything."""
+
     def advance(self, now: Time, last_end: Time | None = None) -> None:
         """Decide all idle slots that start before *now*, and the fates of frames that end by *last_end*."""
+
+    def changed(self, now: Time) -> None:
+        """Note that others begin, or cease, to disturb them."""
+
+    def recent(self, since: Time) -> set[tuple[Address, Time, Time, int]]:
+        """Return (source, start, end, channel) of the frames, but not IDs, that were on the air after *since*."""
 
 
 class Tenancy:
@@ -48,6 +60,8 @@ class Tenancy:
         self._decided: Time = 0
         """Instant up to which the fates of idle frames are decided."""
         self._ids_told: Time = 0
+        self.alone = True
+        """True if nobody else sends anything: then nobody is told anything."""
         begun = np.zeros((ROOM + 2 * len(self._sent_mw), BEGUN_FIELDS), np.int64)
         self._nobody = jamming((), len(self._sent_mw))._replace(tenant=self._number, begun=begun)
 
@@ -73,9 +87,14 @@ class Tenancy:
 
     def gather(self, until: Time) -> None:
         """Have all others tell what they have begun to send before *until*: frames that end then are to be judged."""
+        assert not self.alone
         self._decided = max(self._decided, until)
         self._air.band.gather(until, self._number)
         self._air.reconsider_soon()
+
+    def review(self) -> None:
+        """Have others notice if Bluetooth has begun, or ceased, to send."""
+        self._air.review()
 
     def _tell_ids(self, until: Time) -> None:
         """Tell the air of the IDs that begin before *until*."""
@@ -92,7 +111,24 @@ class Tenancy:
     @property
     def asks_from(self) -> Time:
         """Instant from which it may still ask for what disturbs frames."""
-        return self._decided - _ASKED
+        return self._kernel.now if self.alone else self._decided - _ASKED
+
+    @property
+    def silent(self) -> bool:
+        """True if there are neither links nor trains."""
+        return self._piconets.silent
+
+    def others_changed(self, alone: bool) -> None:
+        """Judge frames by themselves while nobody else sends, and tell what has been on the air of late after that."""
+        now, piconets = self._kernel.now, self._piconets
+        piconets.advance(now)
+        frames = () if alone else sorted(piconets.recent(now - MEMORY))
+        self.alone, self._decided, self._ids_told = alone, now, max(self._ids_told, now - MEMORY)
+        for frame in frames:
+            self.tell(*frame)
+        if not alone:
+            self._tell_ids(now)
+        piconets.changed(now)
 
     @property
     def attentive(self) -> bool:
@@ -103,9 +139,10 @@ class Tenancy:
         """Do nothing."""
 
     def catch_up(self, until: Time) -> None:
-        """Tell the air of all that begins before *until*."""
-        self._piconets.advance(until, until - 1)
-        self._tell_ids(until)
+        """Tell the air of all that begins before *until*, unless nobody hears it."""
+        if not self.alone:
+            self._piconets.advance(until, until - 1)
+            self._tell_ids(until)
 
     def begins_after(self, time: Time) -> Time:
         """Return an instant after *time* before which nothing begins by itself."""

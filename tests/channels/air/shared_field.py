@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.channels.base import Positions
 from cosim.channels.kinds import ChannelSite
 from cosim.channels.radios import SPEC, RadiosChannel, RadiosSettings, with_radio
 from cosim.geometry.segments import packed_walls, segment_grid
@@ -48,6 +49,8 @@ class SharedField:
         **settings: Any,
     ) -> None:
         size = len(places_m)
+        self.moves: list[tuple[Time, Positions]] = []
+        """Since when the robots are where."""
         self.kernel = Kernel()
         self.trace = Trace(with_radio(tables))
         carried = [tuple(range(len(radios)))] * size if carried is None else carried
@@ -66,7 +69,7 @@ class SharedField:
         self.move(places_m)
 
     def move(self, places_m: Sequence[tuple[float, float]]) -> None:
-        self.places_m = np.array(places_m, dtype=np.float64)
+        self.moves.append((self.kernel.now, np.array(places_m, dtype=np.float64)))
         self.channel.advance(self.kernel.now)
         self.channel.moved(np.array(places_m, dtype=np.float64))
 
@@ -78,6 +81,10 @@ class SharedField:
                 (self.channel.send if isinstance(each, Outgoing) else self.channel.command)(source, each)
 
         self.kernel.at(time, act, WORLD)
+
+    def places_at(self, time: Time) -> Positions:
+        """Return where the robots were at *time*."""
+        return next(places for since, places in reversed(self.moves) if since <= time)
 
     def until(self, time: Time) -> None:
         self.kernel.run(time)

@@ -1,5 +1,6 @@
 """802.11, Bluetooth and LE in one air: what each notices of the other, told anew from the tables of a run."""
 
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +14,7 @@ from cosim.channels.ble.bits.errors import noise_mw
 from cosim.channels.ble.phy import LE_1M as PHY_1M
 from cosim.channels.bluetooth.bits.powers import POWER_DBM
 from cosim.channels.bluetooth.settings import BluetoothSettings
-from cosim.kernel import DELIVER
+from cosim.kernel import DELIVER, WORLD
 from cosim.machine import BROADCAST, Inquire, Outgoing, Page, Scan
 from cosim.units import MS, US, S
 from tests.channels.air.shared_field import SharedField
@@ -49,6 +50,9 @@ def busy(field: SharedField, seed: int, since: int, until: int) -> None:
     field.until(since - 100 * MS)
     for robot in (0, 1, 4):
         field.at(field.kernel.now, robot, Scan(False))
+    for at in range(since, until, 137 * MS):
+        places = field.places_at(since) + random.uniform(-1.0, 1.0, (5, 2))
+        field.kernel.at(at, partial(field.move, places), WORLD)
     for _ in range(150):
         at, octets = int(random.integers(since, until - 200 * MS)), int(random.integers(1, 1200))
         field.at(at, 0, Outgoing(int(random.choice((1, 4, BROADCAST))), bytes(octets % 200)))
@@ -58,11 +62,12 @@ def busy(field: SharedField, seed: int, since: int, until: int) -> None:
     field.until(until)
 
 
-def gain(field: SharedField, a: int, b: int) -> float:
-    """Return the law of free space by itself, or the isolation within a robot."""
+def gain(field: SharedField, a: int, b: int, time: int) -> float:
+    """Return the law of free space by itself at *time*, or the isolation within a robot."""
     if a == b:
         return float(10 ** (-20.0 / 10))
-    distance = max(0.1, float(np.hypot(*(field.places_m[a] - field.places_m[b]))))
+    places = field.places_at(time)
+    distance = max(0.1, float(np.hypot(*(places[a] - places[b]))))
     return float(10 ** (-(40.2 + 20.0 * np.log10(distance)) / 10))
 
 
@@ -104,7 +109,7 @@ class Told:
             over = other["time_ns"] + other["duration_ns"]
             if other["radio"] != row["radio"] and other["time_ns"] < end and over > begin:
                 part = float(shares()[self.kinds[other["radio"]], self.kinds[row["radio"]], self.steps(row, other)])
-                mw = self.mw(other["radio"]) * gain(self.field, other["source"], receiver) * part
+                mw = self.mw(other["radio"]) * gain(self.field, other["source"], receiver, other["time_ns"]) * part
                 if mw > 1e-14:
                     found.append((other["time_ns"], over, mw))
         return found
@@ -126,7 +131,7 @@ class Told:
 
 
 @pytest.mark.parametrize("classic", [False, True])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_worst_ratio_of_every_frame_is_that_of_the_tables(seed: int, classic: bool) -> None:
     field_ = field(seed, classic)
     since = 12 * S if classic else S // 2
@@ -153,9 +158,14 @@ def test_the_worst_ratio_of_every_frame_is_that_of_the_tables(seed: int, classic
         ]  # fmt: skip
         if own:
             continue  # it has also met its like
-        worst = told.worst_mw(row, heard["receiver"], begin, end)
+        of = row, heard["receiver"]
+        worst = told.worst_mw(*of, begin, end)
         disturbed[radio] += worst > 0
-        signal = told.mw(radio) * gain(field_, heard["source"], heard["receiver"])
+        if any(
+            start - 150 * US < move < start for move, _ in field_.moves for start, _, _ in told.foreign(*of, begin, end)
+        ):
+            continue  # LE tells of an answer when it knows of it, 150 us before
+        signal = 10 ** (heard["power_dbm"] / 10)
         expected = 10 * np.log10(signal / (noises[radio] + worst))
         assert heard["sinr_db"] == pytest.approx(expected, abs=1e-6), (heard, row)
     assert min(disturbed.values()) > 10
