@@ -225,7 +225,8 @@ class BluetoothChannel(Channel):
 
     def advance(self, now: Time) -> None:
         """Record, or tell the air, idle frames up to *now* if they are wanted; powers change in ``moved`` only."""
-        if self._idle_wanted or self.air.is_heard:
+        tenancy = self.air.tenancy
+        if self._idle_wanted or (tenancy is not None and not tenancy.alone):
             self.air.advance(now)
 
     def under_way(self, now: Time) -> list[Interval]:

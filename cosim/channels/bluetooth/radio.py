@@ -26,8 +26,6 @@ from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, MET, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Foreign, Noise, Records
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import (
-    HEARD_DOWN,
-    HEARD_UP,
     PAIR_LINK,
     PAIR_TICK,
     PHASE,
@@ -38,7 +36,7 @@ from cosim.channels.bluetooth.polling import (
     WORD,
 )
 from cosim.channels.bluetooth.tenancy import Tenancy
-from cosim.channels.clock import NativeClock, start_of, tick_at
+from cosim.channels.clock import NativeClock, start_of
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
 from cosim.kernel import Kernel
@@ -173,7 +171,7 @@ class Air:
         self.fades = self.noise is not None
         """True if powers are those of a law of propagation."""
         self._jammers: Foreign | None = None
-        self._tenancy = None if neighbours is None else neighbours(self)
+        self.tenancy = None if neighbours is None else neighbours(self)
         """Its place in an air that others share."""
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
@@ -195,7 +193,7 @@ class Air:
         """The only one, if it is, and nothing else that could destroy a frame is sent from ``stray`` on."""
         self._alone = False
         """True if that is so from now on: its idle frames are not put on the air."""
-        self._sent: deque[tuple[Address, Time, Time, int]] = deque()
+        self.sent: deque[tuple[Address, Time, Time, int]] = deque()
         """Frames (source, start, end, channel) that are not in the medium yet, which needs few of them."""
         self._others: Time = 0
         """Instant at which the last frame that is in the medium may be over."""
@@ -278,7 +276,7 @@ class Air:
     @property
     def _neighbours(self) -> Tenancy | None:
         """The place in an air that others share, if they send anything."""
-        return None if self._tenancy is None or self._tenancy.alone else self._tenancy
+        return None if self.tenancy is None or self.tenancy.alone else self.tenancy
 
     @property
     def _foreign(self) -> Foreign | None:
@@ -290,36 +288,6 @@ class Air:
     def _quiet(self) -> bool:
         """True if nothing disturbs that is not Bluetooth's."""
         return self._jammers is None and self._neighbours is None
-
-    @property
-    def is_heard(self) -> bool:
-        """True if radios of other kinds hear its frames, and send themselves."""
-        return self._neighbours is not None
-
-    @property
-    def silent(self) -> bool:
-        """True if there are neither links nor trains."""
-        return not self._running and not self._trains
-
-    def recent(self, since: Time) -> set[tuple[Address, Time, Time, int]]:
-        """Return (source, start, end, channel) of the frames, but not IDs, that were on the air after *since*.
-
-        Of the idle frames of a piconet that was alone these are those that were received, without a pair under way.
-        """
-        rings = enumerate(self.medium.frames.tolist())
-        found = {(source, *frame) for source, ring in rings for frame in ring if frame[1] > since}
-        found |= {frame for frame in self._sent if frame[2] > since}
-        known = {(source, end) for source, _, end, _ in found}
-        for master, links in enumerate(self.band.links):
-            under_way = {(frame.source, frame.start) for frame in self._idle_pair(master)}
-            for heard in (HEARD_DOWN, HEARD_UP):
-                for k, end in enumerate(links[heard].tolist()):
-                    source, start = int(links[SLAVE, k]) if heard == HEARD_UP else master, end - HEADER_AIR
-                    if end > since and (source, end) not in known and (source, start) not in under_way:
-                        piconet = self.band.piconets[master]
-                        channel = self.channel(master, tick_at(int(piconet[PHASE]), int(piconet[PPM]), start))
-                        found.add((source, start, end, channel))
-        return found
 
     def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
@@ -355,8 +323,8 @@ class Air:
 
     def _review(self) -> None:
         """Have others notice if Bluetooth has begun, or ceased, to send."""
-        if self._tenancy is not None:
-            self._tenancy.review()
+        if self.tenancy is not None:
+            self.tenancy.review()
 
     def _settle(self, master: Address | None, now: Time) -> None:
         """Note what can destroy frames; *master* is that of the only piconet that sends anything, if it is."""
@@ -380,7 +348,7 @@ class Air:
 
     def _note(self, source: Address, start: Time, end: Time, channel: int) -> None:
         """Note a frame that is on the air; a frame that has been over for long can meet nothing any more."""
-        sent = self._sent
+        sent = self.sent
         while sent and sent[0][2] + 2 * LONGEST_FRAME < start:
             sent.popleft()
         sent.append((source, start, end, channel))
@@ -389,10 +357,10 @@ class Air:
 
     def _put_sent(self) -> None:
         """Put into the medium what is not there yet."""
-        for source, start, end, channel in self._sent:
+        for source, start, end, channel in self.sent:
             mediums.put(self.medium, source, start, end, channel)
             self._others = max(self._others, end)
-        self._sent.clear()
+        self.sent.clear()
 
     def _stray_until(self, time: Time) -> None:
         if time > self.stray:
@@ -509,7 +477,7 @@ class Air:
         for train in self._trains:
             if train.device not in (source, receiver):
                 return False
-        for other, begun, over, _ in self._sent:
+        for other, begun, over, _ in self.sent:
             if begun < end and over > start and other not in (source, receiver):
                 return False
         return True

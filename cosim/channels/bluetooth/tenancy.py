@@ -4,7 +4,8 @@ Frames with payload, of inquiries and of pages are told as they begin. Idle fram
 arithmetic: they are told up to an instant when somebody asks, or one by one while somebody listens before it talks.
 """
 
-from typing import Final, Protocol
+from collections import deque
+from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from cosim.arrays import Floats, Int64s
 from cosim.channels.air.band import Emission
 from cosim.channels.air.shared import NEVER, SharedAir
 from cosim.channels.air.spectra import CLASSIC, STEPS_PER_MHZ
-from cosim.channels.bluetooth.band import Band, next_start
+from cosim.channels.bluetooth.band import Band, next_start, senders
 from cosim.channels.bluetooth.medium import BEGUN_FIELDS, LOWEST_MHZ, Foreign, Medium, jamming, list_ids
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
+from cosim.channels.bluetooth.polling import HEARD_DOWN, HEARD_UP, PAIR_TICK, PHASE, PPM, SLAVE, STAGE
+from cosim.channels.clock import start_of, tick_at
 from cosim.kernel import Kernel
 from cosim.machine import Address
 from cosim.units import MS, Time
@@ -30,15 +33,17 @@ _ASKED: Final[Time] = 8 * MS
 """Time before the last decision of a frame that the next one can still depend on."""
 
 
+_Frame: TypeAlias = tuple[Address, Time, Time, int]
+"""(source, start, end, channel)"""
+
+
 class Piconets(Protocol):
     """All piconets, inquiries and pages of a run."""
 
     band: Band
     medium: Medium
-
-    @property
-    def silent(self) -> bool:
-        """True if none of them sends anything."""
+    sent: deque[_Frame]
+    """Frames that are not in the medium yet."""
 
     def advance(self, now: Time, last_end: Time | None = None) -> None:
         """Decide all idle slots that start before *now*, and the fates of frames that end by *last_end*."""
@@ -46,8 +51,8 @@ class Piconets(Protocol):
     def changed(self, now: Time) -> None:
         """Note that others begin, or cease, to disturb them."""
 
-    def recent(self, since: Time) -> set[tuple[Address, Time, Time, int]]:
-        """Return (source, start, end, channel) of the frames, but not IDs, that were on the air after *since*."""
+    def channel(self, master: Address, tick: int) -> int:
+        """Return the channel on which the piconet of *master* is at *tick*."""
 
 
 class Tenancy:
@@ -116,19 +121,41 @@ class Tenancy:
     @property
     def silent(self) -> bool:
         """True if there are neither links nor trains."""
-        return self._piconets.silent
+        band = self._piconets.band
+        running, _ = senders(band.piconets, band.links)
+        return not running and not len(self._piconets.medium.trains)
 
     def others_changed(self, alone: bool) -> None:
         """Judge frames by themselves while nobody else sends, and tell what has been on the air of late after that."""
         now, piconets = self._kernel.now, self._piconets
         piconets.advance(now)
-        frames = () if alone else sorted(piconets.recent(now - MEMORY))
+        frames = () if alone else sorted(self._recent(now - MEMORY))
         self.alone, self._decided, self._ids_told = alone, now, max(self._ids_told, now - MEMORY)
         for frame in frames:
             self.tell(*frame)
         if not alone:
             self._tell_ids(now)
         piconets.changed(now)
+
+    def _recent(self, since: Time) -> set[_Frame]:
+        """Return the frames, but not IDs, that were on the air after *since*.
+
+        Of the idle frames of a piconet that was alone these are those that were received, without a pair under way.
+        """
+        band, rings = self._piconets.band, enumerate(self._piconets.medium.frames.tolist())
+        found: set[_Frame] = {(source, *frame) for source, ring in rings for frame in ring if frame[1] > since}
+        found |= {frame for frame in self._piconets.sent if frame[2] > since}
+        known = {(source, end) for source, _, end, _ in found}
+        for master, (piconet, links) in enumerate(zip(band.piconets.tolist(), band.links, strict=True)):
+            clock, pair = (piconet[PHASE], piconet[PPM]), piconet[PAIR_TICK]
+            under_way = {start_of(*clock, tick) for tick in (pair, pair + 2) if piconet[STAGE]}
+            for heard in (HEARD_DOWN, HEARD_UP):
+                for k, end in enumerate(links[heard].tolist()):
+                    source, start = int(links[SLAVE, k]) if heard == HEARD_UP else master, end - HEADER_AIR
+                    if end > since and (source, end) not in known and start not in under_way:
+                        channel = self._piconets.channel(master, tick_at(*clock, start))
+                        found.add((source, start, end, channel))
+        return found
 
     @property
     def attentive(self) -> bool:

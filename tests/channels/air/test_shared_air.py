@@ -21,6 +21,7 @@ from tests.channels.air.shared_field import SharedField
 
 BLE, WIFI = 0, 1  # numbers of radios; in place of LE it may be Bluetooth
 WIFI_MHZ = 2437
+SLOT_PAIR = 1250 * US
 TABLES = ("transmissions", "receptions")
 Row = dict[str, Any]
 
@@ -161,10 +162,9 @@ def test_the_worst_ratio_of_every_frame_is_that_of_the_tables(seed: int, classic
         of = row, heard["receiver"]
         worst = told.worst_mw(*of, begin, end)
         disturbed[radio] += worst > 0
-        if any(
-            start - 150 * US < move < start for move, _ in field_.moves for start, _, _ in told.foreign(*of, begin, end)
-        ):
-            continue  # LE tells of an answer when it knows of it, 150 us before
+        starts = [start for start, _, _ in told.foreign(*of, begin, end)]
+        if any(start - SLOT_PAIR < move < start for move, _ in field_.moves for start in starts):
+            continue  # an answer is told with the gains of when it is known, 0.15 ms or up to two slots before
         signal = 10 ** (heard["power_dbm"] / 10)
         expected = 10 * np.log10(signal / (noises[radio] + worst))
         assert heard["sinr_db"] == pytest.approx(expected, abs=1e-6), (heard, row)
