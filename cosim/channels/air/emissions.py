@@ -218,13 +218,28 @@ def sections(table: Table, tuning: Tuning, start: Time, end: Time, wanted: Wante
 
 @njit(cache=True, borrows=True)
 def others_mw(table: Table, tuning: Tuning, tenant: int, start: Time, end: Time) -> float:
-    """Return the sum of all that other channels than *tenant* send and that disturbs a receiver during [start, end)."""
-    total = 0.0
+    """Return the most that other channels than *tenant* have on the air at a receiver, at any instant of [start, end).
+
+    More than before can only be there when something begins.
+    """
+    worst = _others_at(table, tuning, tenant, start)
     for at in range(table.state[0]):
         row = table.rows[at]
         if row[START] >= end:
             break
-        if row[END] > start and row[TENANT] != tenant:
+        if row[START] > start and row[TENANT] != tenant:
+            worst = max(worst, _others_at(table, tuning, tenant, row[START]))
+    return worst
+
+
+@njit(cache=True, borrows=True)
+def _others_at(table: Table, tuning: Tuning, tenant: int, time: Time) -> float:
+    total = 0.0
+    for at in range(table.state[0]):
+        row = table.rows[at]
+        if row[START] > time:
+            break
+        if row[END] > time and row[TENANT] != tenant:
             total += taken_mw(table, at, tuning, Wanted(tenant, NOBODY))
     return total
 

@@ -1,7 +1,6 @@
 """802.11, Bluetooth and LE in one air: what each notices of the other, told anew from the tables of a run."""
 
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -117,10 +116,6 @@ class Told:
 
     def worst_mw(self, row: Row, receiver: int, begin: int, end: int) -> float:
         """Return the most that comes together in any instant of [begin, end)."""
-        if row["radio"] == BLE and self.classic:  # all that overlaps a section counts in all of it
-            cuts = [begin, *(cut for cut in (begin + 72 * US, begin + 126 * US) if cut < end), end]
-            sections = pairwise(cuts)
-            return max(sum(mw for _, _, mw in self.foreign(row, receiver, *section)) for section in sections)
         found = self.foreign(row, receiver, begin, end)
         instants = [begin, *(start for start, _, _ in found if start > begin)]
         return max(sum(mw for start, over, mw in found if start <= at < over) for at in instants)
