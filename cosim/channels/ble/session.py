@@ -353,7 +353,7 @@ class Session:
                 terminal.antenna.book(sent.start, until, self, now)
         if sent.start >= self._kernel.now:  # else it has been sent while the link was at rest
             self._ether.send(sent)
-            self._note(sent, packet)
+        self._note(sent, packet)
         if sender.queue and not empty and not end.arq.repeats and pdu.llid is Llid.START:
             self._note_begun(sender, len(end.arq.data))
         self._next = self._kernel.at(sent.end, self._ended)
