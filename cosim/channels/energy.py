@@ -1,13 +1,14 @@
 """What radios are doing, ns by ns, and the energy that it takes: times by state, and published currents of parts.
 
 A radio is in one state at a time: off; asleep, when it only keeps the time; idle, when it listens and nothing has come
-that it takes up; receiving; or transmitting. Each channel says what these mean for its radios. A part is a radio that is
-sold, with the currents that its maker has published: energy is supply voltage x current x time, summed over the states.
-No current is guessed: a radio in a state for which a part has no published one is an error. What it takes to change
-from one state to the other, and the processor beside the radio, are left out.
+that it takes up; receiving; or transmitting. Each channel says what these mean for its radios. A part is a radio that
+is sold, with the currents that its maker has published: energy is supply voltage x current x time, summed over the
+states. No current is guessed: a radio in a state for which a part has no published one is an error. What it takes to
+change from one state to the other, and the processor beside the radio, are left out.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
 from cosim.errors import UserError
@@ -117,13 +118,17 @@ class Accounts:
             raise UserError(f"channel.energy: {self._name} has no published current to {use.state}{on}{at}")
         return watts
 
-    def joules(self, address: Address, use: Use, time: Time) -> float:
-        """Return the energy of the radio at *address* in *use* for so long; NaN if no part is named."""
-        return self._watts(use, self._powers_dbm[address]) * to_seconds(time) if self.priced else float("nan")
+    def rows(self, address: Address, now: Time) -> Iterator[tuple[str, str, float, float | None]]:
+        """Yield state, PHY, time in s, and energy in J, None if no part is named, of the radio at *address*."""
+        for use, time in sorted(self.uses(address, now).items()):
+            yield *use, to_seconds(time), self._joules(address, use, time) if self.priced else None
 
     def energy_j(self, address: Address, now: Time) -> float:
-        """Return what the radio at *address* has used up to *now*; NaN if no part is named."""
-        return sum((self.joules(address, *item) for item in self.uses(address, now).items()), 0.0)
+        """Return what the radio at *address* has used up to *now*, if a part is named."""
+        return math.fsum(self._joules(address, use, time) for use, time in self.uses(address, now).items())
+
+    def _joules(self, address: Address, use: Use, time: Time) -> float:
+        return self._watts(use, self._powers_dbm[address]) * to_seconds(time)
 
     def summary(self, now: Time) -> dict[str, float]:
         """Return the sums over all robots up to *now*, by metric name."""
@@ -134,5 +139,5 @@ class Accounts:
             for name, (state, _) in _SUMS.items()
         }
         if self.priced:
-            sums[_ENERGY.name] = sum(self.energy_j(robot, now) for robot in robots)
+            sums[_ENERGY.name] = math.fsum(self.energy_j(robot, now) for robot in robots)
         return sums

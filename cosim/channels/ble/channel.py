@@ -105,7 +105,7 @@ class BleChannel(Channel):
             device.start(first=True)
 
     def _meter(self, energy: str, sent_dbm: Sequence[float]) -> None:
-        """Count what radios use; raise UserError if the part that *energy* names has no current for what they may do."""
+        """Count what radios use; raise UserError if the part that *energy* names has no current for one of them."""
         self.accounts = Accounts(energy, lambda address, now: self._meters[address].uses(now), sent_dbm)
         phys = {LE_1M, LINK_PHYS[self.settings.connection.phy], LINK_PHYS[self.settings.broadcast.phy]}
         names = sorted(phy.name for phy in phys)

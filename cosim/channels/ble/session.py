@@ -239,7 +239,7 @@ class Session:
             terminal.antenna.settle(self._kernel.now)
 
     def doing(self, address: Address, since: Time, until: Time) -> Iterator[Doing]:
-        """Yield what the end *address* does from a time in [since, until) on, and has not been noted packet by packet."""
+        """Yield what the end *address* does from a time in [since, until) on, if that has not been noted by packets."""
         side = self.side(address)
         if self._resting:
             for each in self._doing_at_rest(side, since, until):
@@ -281,7 +281,7 @@ class Session:
         sender, receiver = self.terminals[packet.sender], self.terminals[1 - packet.sender]
         answer = phys[1 - packet.sender]
         if not sender.gone:
-            sender.antenna.listens(now, sent.start, answer)
+            sender.antenna.listens(min(now, sent.start), sent.start, answer)
             sender.antenna.sends(sent)
             if packet.sender is Side.CENTRAL or packet.pdu.more or not event.quiet:
                 sender.antenna.listens(sent.end, sent.end + T_IFS + answer.lead, answer)
