@@ -220,7 +220,7 @@ ENERGY: Final = Table(
     "two rows for the battery of a robot that has one",
     (
         Field("time_ns", "int", "ns", "end of the run"),
-        Field("robot", "int", "", "address of the robot"),
+        _SOURCE,
         Field("radio", "int", "", "which of its radios; -1 for the robot itself"),
         Field("state", "str", "", "off, sleep, idle, receive or transmit; of the robot host or drive"),
         Field("phy", "str", "", "the PHY that it has done that on, where there are several"),

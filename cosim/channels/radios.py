@@ -312,7 +312,7 @@ class RadiosChannel(Channel):
         """The metrics of all channels, summed up under their own names, and those of each radio."""
         total = {metric.name: metric for part in self._parts for metric in part.columns}
         of_each = [
-            Metric(_of_radio(radio, metric.name), metric.unit, f"{metric.meaning}; by radio {radio}")
+            Metric(f"radio_{radio}_{metric.name}", metric.unit, f"{metric.meaning}; by radio {radio}")
             for radio, part in enumerate(self._parts)
             for metric in (*part.columns, _PAYLOAD_BYTES)
         ]
@@ -321,7 +321,7 @@ class RadiosChannel(Channel):
     @property
     def uses(self) -> frozenset[str]:
         """The names of those that say what radios have used, of all together and of each radio."""
-        of_each = (_of_radio(radio, name) for radio, part in enumerate(self._parts) for name in part.uses)
+        of_each = (f"radio_{radio}_{name}" for radio, part in enumerate(self._parts) for name in part.uses)
         return frozenset(of_each).union(*(part.uses for part in self._parts))
 
     @property
@@ -338,13 +338,8 @@ class RadiosChannel(Channel):
             for name, count in counts.items():
                 total[name] = total.get(name, 0.0) + count
             counts |= {_PAYLOAD_BYTES.name: float(octets)}
-            of_each |= {_of_radio(radio, name): count for name, count in counts.items()}
+            of_each |= {f"radio_{radio}_{name}": count for name, count in counts.items()}
         return total | of_each
-
-
-def _of_radio(radio: int, name: str) -> str:
-    """Return the name of a metric of one radio: radio_1_frames_sent, or radio_1_tx_s of radio_tx_s."""
-    return f"radio_{radio}_{name.removeprefix('radio_')}"
 
 
 def _made(settings: RadiosSettings, site: ChannelSite) -> RadiosChannel:

@@ -79,9 +79,9 @@ def test_states_of_each_radio_last_as_long_as_the_run_and_add_up_to_the_columns(
 def test_several_radios_are_counted_one_by_one():
     metrics = run(counting(RADIOS)).outcome.metrics
     for name in ("tx_s", "rx_s", "idle_s", "sleep_s"):
-        assert metrics[f"radio_0_{name}"] + metrics[f"radio_1_{name}"] == metrics[f"radio_{name}"]
-    assert metrics["radio_0_energy_j"] == metrics["radio_energy_j"] > 0
-    assert "radio_1_energy_j" not in metrics
+        assert metrics[f"radio_0_radio_{name}"] + metrics[f"radio_1_radio_{name}"] == metrics[f"radio_{name}"]
+    assert metrics["radio_0_radio_energy_j"] == metrics["radio_energy_j"] > 0
+    assert "radio_1_radio_energy_j" not in metrics
 
 
 def test_energy_is_volts_times_amperes_times_seconds():
