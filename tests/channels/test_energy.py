@@ -15,6 +15,8 @@ from tests.faults.fault_scene import executed, kill, radio_off, rows, scenario
 BLE = {"kind": "ble"}
 ADHOC = {"kind": "adhoc"}
 RADIOS = {"kind": "radios", "radios": [BLE, ADHOC]}
+LAW = {"propagation": {"model": "log_distance"}}
+SHARED = {"kind": "radios", "air": "shared", "radios": [{**BLE, **LAW}, {**ADHOC, **LAW}]}
 TEAM = {"groups": [{"size": 1, "radios": [0, 1]}, {"size": 1, "radios": [0]}]}
 
 
@@ -45,7 +47,7 @@ def energy_rows(simulation: Simulation) -> list[tuple[Any, ...]]:
     return list(zip(*simulation.trace.columns(ENERGY.name).values(), strict=True))
 
 
-@pytest.mark.parametrize("channel", [BLE, ADHOC, RADIOS], ids=lambda channel: channel["kind"])
+@pytest.mark.parametrize("channel", [BLE, ADHOC, RADIOS, SHARED], ids=["ble", "adhoc", "radios", "shared"])
 @pytest.mark.parametrize("faults", [(), FAULTS], ids=["sound", "faulty"])
 def test_to_count_changes_no_digest_no_event_and_no_frame(channel: dict[str, Any], faults: tuple[dict[str, Any], ...]):
     without, counted = run(channel, *faults), run(counting(channel), *faults)
@@ -57,7 +59,7 @@ def test_to_count_changes_no_digest_no_event_and_no_frame(channel: dict[str, Any
     assert not any("radio_tx" in metric.name for metric in without.metric_columns)
 
 
-@pytest.mark.parametrize("channel", [BLE, ADHOC, RADIOS], ids=lambda channel: channel["kind"])
+@pytest.mark.parametrize("channel", [BLE, ADHOC, RADIOS, SHARED], ids=["ble", "adhoc", "radios", "shared"])
 def test_states_of_each_radio_last_as_long_as_the_run_and_add_up_to_the_columns(channel: dict[str, Any]):
     simulation = run(counting(channel), *FAULTS)
     metrics, told = simulation.outcome.metrics, energy_rows(simulation)

@@ -82,7 +82,8 @@ class Antenna:
 
     def book(self, start: Time, end: Time, owner: object, now: Time) -> None:
         """Take it for [start, end), as is decided *now*."""
-        self.settle(now)
+        if self.meter is not None:
+            self.meter.settle(now)
         while self._booked and self._booked[0][1] < now - 2 * LOOKBACK:  # events that are looked at last 3 ms
             self._booked.popleft()
         self._booked.append((start, end, owner, now))

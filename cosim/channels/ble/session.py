@@ -84,6 +84,7 @@ class Session:
         self._kernel, self._ether, self._hosts, self._record = environment
         self._limits = limits
         self._lost, self._may_rest = lost, may_rest
+        self._metered = terminals[Side.CENTRAL].antenna.meter is not None
         self._resting = False
         self._next: Handle | None = None
         self._watch: Handle | None = None
@@ -235,8 +236,9 @@ class Session:
     # ---------------------------------------------------------------- what radios do
 
     def _settle_meters(self) -> None:
-        for terminal in self.terminals:
-            terminal.antenna.settle(self._kernel.now)
+        if self._metered:
+            for terminal in self.terminals:
+                terminal.antenna.settle(self._kernel.now)
 
     def doing(self, address: Address, since: Time, until: Time) -> Iterator[Doing]:
         """Yield what the end *address* does from a time in [since, until) on, if that has not been noted by packets."""
@@ -353,7 +355,8 @@ class Session:
                 terminal.antenna.book(sent.start, until, self, now)
         if sent.start >= self._kernel.now:  # else it has been sent while the link was at rest
             self._ether.send(sent)
-        self._note(sent, packet)
+        if self._metered:
+            self._note(sent, packet)
         if sender.queue and not empty and not end.arq.repeats and pdu.llid is Llid.START:
             self._note_begun(sender, len(end.arq.data))
         self._next = self._kernel.at(sent.end, self._ended)
