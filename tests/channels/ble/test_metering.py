@@ -13,9 +13,11 @@ from cosim.errors import UserError
 from cosim.machine import BROADCAST, Scan
 from cosim.trace import TRANSMISSIONS
 from cosim.units import MS, US, S, Time
-from tests.channels.ble import test_resting
+from tests.channels.ble import test_oracle_channel, test_resting
 from tests.channels.ble.ble_field import Field, News
 from tests.oracles.campaign import Seeded
+from tests.oracles.le_air import Air, Packet
+from tests.oracles.le_cases import KINDS, Power, draw_case
 
 SELDOM = {"interval_s": 10.24, "window_s": 0.0025}
 """Windows that are almost never open."""
@@ -226,6 +228,43 @@ def test_advertisements_that_broadcasts_have_kept_from_the_air_do_not_count(step
 @pytest.mark.parametrize("seed", range(4))
 def test_to_ask_changes_nothing(monkeypatch: pytest.MonkeyPatch, seed: int):
     assert campaign(monkeypatch, seed, False, asks=True) == campaign(monkeypatch, seed, False, asks=False)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", [3, 4])
+def test_radios_send_for_as_long_as_those_of_a_plain_model(monkeypatch: pytest.MonkeyPatch, kind: str, seed: int):
+    sent: list[Packet] = []
+    fields: list[Field] = []
+    put = Air.put
+
+    class Metered(Field):
+        def __init__(self, *arguments: Any, **settings: Any) -> None:
+            super().__init__(*arguments, energy="states", **settings)
+            fields.append(self)
+
+    monkeypatch.setattr(test_oracle_channel, "Field", Metered)
+    monkeypatch.setattr(Air, "put", lambda air, packet: (sent.append(packet), put(air, packet)))
+    case = draw_case(Seeded(KINDS.index(kind), seed), kind)
+    test_oracle_channel.by_channel(case)
+    test_oracle_channel.by_oracle(case)
+    for address in range(case.size):
+        switched = [time for time, act in case.script if isinstance(act, Power) and act.address == address]
+        spans: dict[str, list[tuple[Time, Time]]] = {}
+        for packet in sent:
+            if packet.source == address:
+                cut = min([time for time in switched if time >= packet.start] + [packet.end, case.until])
+                spans.setdefault(packet.phy.name, []).append((packet.start, cut))
+        found = {use.phy: time for use, time in used(fields[0], address).items() if use.state == TRANSMIT}
+        assert found == {phy: length for phy, each in spans.items() if (length := covered(each))}
+
+
+def covered(spans: list[tuple[Time, Time]]) -> Time:
+    """Return how much time is in at least one of *spans*."""
+    total, over = 0, -1
+    for begin, end in sorted(spans):
+        total += max(0, end - max(begin, over))
+        over = max(over, end)
+    return total
 
 
 # ---------------------------------------------------------------- parts and windows
