@@ -1,10 +1,12 @@
 """What the radio of an LE device does, ns by ns, for the energy that it takes.
 
-It transmits while a packet of it is on the air. It receives
+It transmits while a packet of it is on the air; while there are two, as a link that rests polls although its end sends
+to everyone, that time counts once. It receives
 
 - while a packet that it waits for is on the air, whether it makes anything of it or not,
 - for T_IFS and as long as preamble and access address take after a packet of it that may be answered: an ADV_IND, the
-  packets of a central, and those of a peripheral while either end has more to say,
+  packets of a central, and those of a peripheral while either end has more to say (NimBLE waits 2 us longer, see
+  ``ble_phy_wfr_enable``),
 - for T_IFS before it sends an answer, when its receiver becomes a transmitter,
 - as a peripheral, from when it expects the first packet of an event at the earliest, until that comes or is too late.
 

@@ -248,18 +248,20 @@ def test_radios_send_for_as_long_as_those_of_a_plain_model(monkeypatch: pytest.M
     test_oracle_channel.by_channel(case)
     test_oracle_channel.by_oracle(case)
     for address in range(case.size):
-        switched = [time for time, act in case.script if isinstance(act, Power) and act.address == address]
+        over = [time for time, act in case.script if act == Power(address, False)]
         spans: dict[str, list[tuple[Time, Time]]] = {}
         for packet in sent:
             if packet.source == address:
-                cut = min([time for time in switched if time >= packet.start] + [packet.end, case.until])
-                spans.setdefault(packet.phy.name, []).append((packet.start, cut))
+                end = min([time for time in over if time >= packet.start] + [packet.end, case.until])
+                spans.setdefault(packet.phy.name, []).append((packet.start, end))
         found = {use.phy: time for use, time in used(fields[0], address).items() if use.state == TRANSMIT}
-        assert found == {phy: length for phy, each in spans.items() if (length := covered(each))}
+        assert found.keys() == spans.keys()
+        assert sum(found.values()) == covered([span for each in spans.values() for span in each])
+        assert all(length <= covered(spans[phy]) for phy, length in found.items())
 
 
 def covered(spans: list[tuple[Time, Time]]) -> Time:
-    """Return how much time is in at least one of *spans*."""
+    """Return how much time is in at least one of *spans*: a link at rest polls while its end sends to everyone."""
     total, over = 0, -1
     for begin, end in sorted(spans):
         total += max(0, end - max(begin, over))
