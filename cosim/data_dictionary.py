@@ -13,6 +13,7 @@ from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.base import Channel
 from cosim.channels.ble.channel import BleChannel
 from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.energy import USE_METRICS
 from cosim.channels.ideal import IdealChannel
 from cosim.channels.vision import OpticalChannel
 from cosim.faults.events import EVENTS as FAULT_EVENTS
@@ -48,6 +49,8 @@ def page(specs: Sequence[ProtocolSpec]) -> str:
         "### Metrics of every run\n\nThe channel's own counts and the metrics of the protocol follow.\n",
         _metrics(METRICS),
         *(f"### Metrics of the channel {name}\n\n{_metrics(channel.metrics)}" for name, channel in CHANNELS.items()),
+        "### Metrics of what radios use\n\nOf ble and adhoc with `energy`; the last one if that names a part.\n",
+        _metrics(USE_METRICS),
         "## What `cosim run --trace` writes\n",
         *(_section(table.name, table.meaning, table.fields) for table in TABLES.values()),
         "States of intervals:\n",

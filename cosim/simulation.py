@@ -35,7 +35,7 @@ from cosim.robots.senses import WORLD_FRAME, Frame, Senses
 from cosim.robots.trajectories import Paths, load_paths
 from cosim.scenario import Scenario, TeamSettings
 from cosim.series import MetricSeries
-from cosim.trace import POSES, Table, Trace, events_table
+from cosim.trace import ENERGY, POSES, Table, Trace, events_table
 from cosim.units import Time, to_seconds
 from cosim.world.floorplan import Floorplan, load_floorplan
 
@@ -348,11 +348,26 @@ class Simulation:
             kind = self.scenario.channel.kind
             raise LocalProtocolError(f"channel {kind}: summary returns {undeclared[0]!r}, which is none of its metrics")
         metrics |= summary
-        counted = {name: value for name, value in metrics.items() if name not in NO_OUTCOME}
+        self._note_energy(now)
+        spared = NO_OUTCOME | self.channel.uses
+        counted = {name: value for name, value in metrics.items() if name not in spared}
         content = repr(sorted(counted.items())) + self.trace.digest(["events"])  # the same whatever else is kept
         digest = hashlib.sha256(content.encode()).hexdigest()
         notices = (*self._unsent(), *self._notices.texts)
         return Outcome(metrics, digest, self.trace, simulated_s, self.metric_columns, notices)
+
+    def _note_energy(self, now: Time) -> None:
+        """Write what radios and batteries have used."""
+        if not self.trace.wants(ENERGY):
+            return
+        used_j = self.faults.used_j()
+        for robot in range(len(self.nodes)):
+            for part, joules in used_j.get(robot, {}).items():
+                self.trace.row(ENERGY, now, robot, -1, part, "", None, joules)
+            for radio in self.channel.carried(robot):
+                accounts = self.channel.parts[radio].accounts
+                for row in () if accounts is None else accounts.rows(robot, now):
+                    self.trace.row(ENERGY, now, robot, radio, *row)
 
     def _unsent(self) -> list[str]:
         """Return a line for each reason why payloads were never on the air, if that has happened often."""

@@ -214,6 +214,20 @@ METRICS: Final = Table(
         Field("unit", "str", "", "the unit; 1 is a plain number"),
     ),
 )
+ENERGY: Final = Table(
+    "energy",
+    "what robots have used in the run, a row for each thing that a radio has done, if channel.energy asks for it, and "
+    "two rows for the battery of a robot that has one",
+    (
+        Field("time_ns", "int", "ns", "end of the run"),
+        _SOURCE,
+        Field("radio", "int", "", "which of its radios; -1 for the robot itself"),
+        Field("state", "str", "", "off, sleep, idle, receive or transmit; of the robot host or drive"),
+        Field("phy", "str", "", "the PHY that it has done that on, where there are several"),
+        Field("time_s", "float", "s", "how long, to the nanosecond; empty for host and drive", optional=True),
+        Field("energy_j", "float", "J", "what that has used; empty if no part is named", optional=True),
+    ),
+)
 CALLS: Final = Table(
     "calls",
     "calls from room to room, as a robot's layers made them",
@@ -277,7 +291,7 @@ TABLES: Final = {
     table.name: table
     for table in (
         *(POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, WAKES, LINKS, UNSENT, PAYLOADS),
-        *(METRICS, CALLS, *BELIEFS),
+        *(METRICS, ENERGY, CALLS, *BELIEFS),
     )
 }
 

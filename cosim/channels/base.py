@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
+from cosim.channels.energy import Accounts
 from cosim.intervals import Interval, Intervals
 from cosim.kernel import Kernel
 from cosim.machine import Address, LinkCommand, LinkEvent, Outcome, Outgoing, Reception
@@ -76,6 +77,8 @@ class Channel(ABC):
         """What its radios are doing, if the trace wants that."""
         self.payloads = Payloads(trace)
         """What its radios hold, if the trace wants that."""
+        self.accounts: Accounts | None = None
+        """What its radios have used, if a scenario asks for that."""
         self.endpoints: dict[Address, Endpoint] = {}
         self._unsent: Counter[tuple[Address, Outcome]] = Counter()
 
@@ -86,7 +89,12 @@ class Channel(ABC):
     @property
     def columns(self) -> tuple[Metric, ...]:
         """The metrics that ``summary`` of this channel returns."""
-        return self.metrics
+        return self.metrics if self.accounts is None else (*self.metrics, *self.accounts.columns)
+
+    @property
+    def uses(self) -> frozenset[str]:
+        """The names of those of them that say what radios have used: no outcome of a run."""
+        return frozenset() if self.accounts is None else frozenset(metric.name for metric in self.accounts.columns)
 
     @property
     def parts(self) -> "tuple[Channel, ...]":
@@ -144,6 +152,10 @@ class Channel(ABC):
     def summary(self) -> dict[str, float]:
         """Return what the channel counted, by metric name."""
         return {}
+
+    def _used(self) -> dict[str, float]:
+        """Return what its radios have used, by metric name, if a scenario asks for that."""
+        return {} if self.accounts is None else self.accounts.summary(self.kernel.now)
 
     @property
     def unsent(self) -> Counter[tuple[Address, Outcome]]:

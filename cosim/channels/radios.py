@@ -319,6 +319,12 @@ class RadiosChannel(Channel):
         return (*total.values(), *of_each)
 
     @property
+    def uses(self) -> frozenset[str]:
+        """The names of those that say what radios have used, of all together and of each radio."""
+        of_each = (f"radio_{radio}_{name}" for radio, part in enumerate(self._parts) for name in part.uses)
+        return frozenset(of_each).union(*(part.uses for part in self._parts))
+
+    @property
     def unsent(self) -> Counter[tuple[Address, Outcome]]:
         """Number of payloads that were never on the air by any radio, by sender and reason."""
         return sum((part.unsent for part in self._parts), Counter())

@@ -12,8 +12,8 @@ for ever, and the run waits for it. A frozen body brakes likewise; once it thaws
 A battery is an amount of energy that host, radio and drive use up, from world tick to world tick. The law is linear:
 constant power of the host and of the radio while they are on, and a constant energy for each metre driven. A radio uses
 most of its energy for listening (Feeney and Nilsson, "Investigating the energy consumption of a wireless network
-interface in an ad hoc networking environment", INFOCOM 2001), so frames are not counted; neither is braking, nor what
-standing costs beyond the host.
+interface in an ad hoc networking environment", INFOCOM 2001), so frames are not counted, unless a battery asks for what
+radios take by their states; neither is braking, nor what standing costs beyond the host.
 """
 
 import math
@@ -120,13 +120,14 @@ class Faults:
     def schedule(self, run_end: Time) -> None:
         """Have all faults happen, before anything else of their instants.
 
-        Raise UserError for a jammer or a wall on a channel that has no radio.
+        Raise UserError for a jammer or a wall on a channel that has no radio, or a battery that counts states of radios
+        whose energy is not known.
         """
         agenda = Agenda(self._kernel)
         air = AirFaults(self._kernel, agenda, self._channel, self._trace, self._intervals)
         for number, fault in enumerate(self._settings):
             if isinstance(fault, BatterySettings):
-                self._supply(fault)
+                self._supply(number, fault)
                 continue
             happening = spans(fault, self._streams("fault", number), run_end)
             try:
@@ -313,8 +314,17 @@ class Faults:
         """Return what is left in the battery of each robot that has one, as of the last tick."""
         return {robot: max(0.0, battery.left_j) for robot, battery in sorted(self._batteries.items())}
 
-    def _supply(self, fault: BatterySettings) -> None:
+    def used_j(self) -> dict[Address, dict[str, float]]:
+        """Return what host and drive of each robot that has a battery have used, as of the last tick."""
+        return {robot: {"host": each.host_j, "drive": each.drive_j} for robot, each in self._batteries.items()}
+
+    def _supply(self, number: int, fault: BatterySettings) -> None:
         """Have a battery looked at whenever a tick comes."""
+        if fault.energy == "states":
+            for radio in self._channel.carried(fault.robot):
+                accounts = self._channel.parts[radio].accounts
+                if accounts is None or not accounts.priced:
+                    raise UserError(f"faults[{number}].energy: states needs a part that channel.energy names")
         self._batteries[fault.robot] = Battery(fault)
         self._kernel.every(self._fleet.tick, partial(self._drain, fault.robot), WORLD)
 
@@ -325,6 +335,13 @@ class Faults:
             host_on = self._nodes[robot].alive
             radio_on = any(not self._is_off(robot, radio) for radio in self._channel.carried(robot))
             battery.last(self._kernel.now, host_on, host_on and radio_on)
+            if battery.counts_states:
+                battery.radios(self._radios_j(robot))
+
+    def _radios_j(self, robot: Address) -> float:
+        """Return what the radios of *robot*, whose parts are known, have used up to now."""
+        accounts = (self._channel.parts[radio].accounts for radio in self._channel.carried(robot))
+        return math.fsum(each.energy_j(robot, self._kernel.now) for each in accounts if each is not None)
 
     def _drain(self, robot: Address) -> None:
         self._account(robot)
@@ -340,18 +357,30 @@ class Battery:
 
     def __init__(self, settings: BatterySettings) -> None:
         self.left_j = settings.capacity_j
+        self.host_j = self.drive_j = 0.0
+        """What host and drive have used."""
+        self.counts_states = settings.energy == "states"
+        """True if what radios take goes by what they do."""
         self._settings = settings
         self._since: Time = 0
+        self._radios_j = 0.0
 
     def last(self, now: Time, host_on: bool, radio_on: bool) -> None:
         """Take what the time since the last call has cost, in which host and radio were on or off."""
         power_w = self._settings.idle_w * host_on + self._settings.radio_w * radio_on
         self.left_j -= power_w * to_seconds(now - self._since)
+        self.host_j += self._settings.idle_w * host_on * to_seconds(now - self._since)
         self._since = now
+
+    def radios(self, used_j: float) -> None:
+        """Take what radios have used since the last call; up to now it is *used_j* in all."""
+        self.left_j -= used_j - self._radios_j
+        self._radios_j = used_j
 
     def drive(self, way_m: float) -> None:
         """Take what a way has cost."""
         self.left_j -= self._settings.drive_j_per_m * way_m
+        self.drive_j += self._settings.drive_j_per_m * way_m
 
     @property
     def empty(self) -> bool:

@@ -139,11 +139,24 @@ class BatterySettings(Settings):
     capacity_j: Energy = Field(gt=0, description="J, what it holds in the beginning")
     idle_w: Energy = Field(default=0.0, ge=0, description="W, of the host, as long as that runs")
     radio_w: Energy = Field(default=0.0, ge=0, description="W, of the radio, as long as it, or one of them, is on")
+    energy: Literal["constant", "states"] = Field(
+        default="constant",
+        description="what radios take: radio_w, or what they do takes by the part that channel.energy names",
+    )
     drive_j_per_m: Rate = Field(default=0.0, ge=0, description="J, for each metre driven")
+
+    @field_validator("energy")
+    @classmethod
+    def _counts_once(cls, energy: str, info: ValidationInfo) -> str:
+        if energy == "states" and info.data.get("radio_w"):
+            raise ValueError("is given beside radio_w, which is what radios take if it is constant")
+        return energy
 
     @field_validator("drive_j_per_m")
     @classmethod
     def _is_used(cls, drive_j_per_m: float, info: ValidationInfo) -> float:
+        if info.data.get("energy") == "states":
+            return drive_j_per_m
         if not (drive_j_per_m or info.data.get("idle_w", 1.0) or info.data.get("radio_w", 1.0)):
             raise ValueError("is not > 0, nor is idle_w or radio_w: nothing uses the battery")
         return drive_j_per_m

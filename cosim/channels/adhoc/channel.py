@@ -31,6 +31,7 @@ from cosim.channels.adhoc.stations import Kept, Rules, Stations, Wanted
 from cosim.channels.adhoc.tables import doings, receptions, transmissions
 from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Arrival, Flying, Positions
+from cosim.channels.energy import Accounts
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
@@ -135,6 +136,8 @@ class AdhocChannel(IdealChannel):
             begun=None if neighbours is None else neighbours.tell,
         )
         self._stations = Stations(size, rules, kernel, self._draws, self, wanted)
+        if settings.energy is not None:
+            self.accounts = Accounts(settings.energy, self._stations.uses, [settings.power_dbm] * size)
         self._jamming = Jamming(kernel, self._jam_mw, self._stations, size, neighbours)
         if neighbours is not None:
             neighbours.begun, neighbours.noticed = self._stations.take_begun, self._jamming.noticed
@@ -156,7 +159,8 @@ class AdhocChannel(IdealChannel):
     @property
     def columns(self) -> tuple[Metric, ...]:
         """The metrics that ``summary`` returns: those of the routers follow, if there are any."""
-        return _SENT if self._forwarding is None else (*_SENT, *self._forwarding.metrics)
+        routed = () if self._forwarding is None else self._forwarding.metrics
+        return (*_SENT, *routed, *(() if self.accounts is None else self.accounts.columns))
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Queue a payload; its fate is DELIVERED when it is acknowledged, SENT when a broadcast has ended.
@@ -239,6 +243,7 @@ class AdhocChannel(IdealChannel):
             "frames_sent": float(self._stations.frames),
             "payloads_dropped": float(self._stations.dropped),
             **routed,
+            **self._used(),
         }
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:

@@ -25,7 +25,7 @@ from cosim.channels.adhoc.agenda import ANSWER, CONTEND, GIVE_UP, MAY_SEND, SEND
 from cosim.channels.adhoc.air import begin, leave_packet, new_frame, tell, tell_frame
 from cosim.channels.adhoc.log import log_access, log_response, log_unsensed, note_waiting
 from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Form
-from cosim.channels.adhoc.reception import IGNORED, RIGHT, begins, disturb, ends, energy
+from cosim.channels.adhoc.reception import IGNORED, RIGHT, begins, disturb, ends, energy, stop_following
 from cosim.channels.adhoc.state import DONE, END, FAILURE, FINISHED, NEVER, NONE, RECEIVED, Log, Network, Record
 from cosim.jit import njit
 from cosim.kernel import AIR, DELIVER
@@ -101,7 +101,11 @@ def power(network: Network, log: Log | None, address: int, on: bool, now: Time) 
     station = network.stations[address]
     if on:
         station.idle_from = now
+        if station.off_from != NEVER:
+            station.off_for += now - station.off_from
+            station.off_from = NEVER
         return
+    station.off_from = min(station.off_from, now)
     if log is not None:
         log_access(network, log, address, now)
         log_response(network, log, address, now)
@@ -111,9 +115,10 @@ def power(network: Network, log: Log | None, address: int, on: bool, now: Time) 
     station.ends, station.ends_event, station.timeout_event, station.awaits = NEVER, NONE, NONE, NONE
     station.exchanging = station.erred = station.pending = False
     station.window = network.common[0].cw_min
-    station.followed = NONE
+    stop_following(station, now)
     station.reserved_until = now
     if station.sending != NONE:
+        station.sent_for += now - network.frames[station.sending].begin
         network.frames[station.sending].whole = False
         station.sending = NONE
 
@@ -290,7 +295,7 @@ def _transmit(
     if station.sending != NONE:
         return
     _defer(network, log, address, now, now)
-    station.followed = NONE
+    stop_following(station, now)
     sending = new_frame(network)
     frame = network.frames[sending]
     frame.kind, frame.source, frame.destination, frame.form = kind, address, destination, form
@@ -307,6 +312,7 @@ def sent(network: Network, log: Log | None, address: int, now: Time) -> None:
     common, station = network.common[0], network.stations[address]
     frame = network.frames[station.sending]
     station.sending = NONE
+    station.sent_for += frame.form.duration
     if not energy(network, address):
         station.idle_from = now
     if frame.kind == RTS or (frame.kind == DATA and frame.destination != BROADCAST):

@@ -64,6 +64,7 @@ def begins(network: Network, address: int, number: int, mw: float, now: Time) ->
         station.spoilt |= station.followed != NONE
         follows = not deaf and station.arriving == 0
     if follows:
+        stop_following(station, now)
         station.followed, station.followed_from, station.spoilt = number, now, False
         station.log_chance, station.level_from, station.least_level = 0.0, 0, math.inf
     network.powers_mw[number, address] = mw
@@ -73,6 +74,14 @@ def begins(network: Network, address: int, number: int, mw: float, now: Time) ->
         return False
     station.energy_from = now
     return True
+
+
+@njit(cache=True, borrows=True)
+def stop_following(station: Record, now: Time) -> None:
+    """Follow no frame any more, if the station has followed one."""
+    if station.followed != NONE:
+        station.followed_for += now - station.followed_from
+        station.followed = NONE
 
 
 @njit(cache=True, borrows=True)
@@ -95,7 +104,7 @@ def ends(network: Network, address: int, number: int, now: Time) -> int:
         note_level(network, address, now)
         return IGNORED
     _spoil(station, now)
-    station.followed = NONE
+    stop_following(station, now)
     right = _is_right(network, address, number) if common.fades else not station.spoilt
     return RIGHT if right and frame.whole else WRONG
 

@@ -103,6 +103,9 @@ class AdhocSettings(ChannelSettings):
         ge=0,
         description="s, at most, that a payload takes from host to radio, at random; hosts may act at one instant",
     )
+    energy: Literal["states"] | None = Field(
+        default=None, description="what radios use is counted: their times by state (states)"
+    )
     propagation_s: Seconds = Field(default=1e-6, gt=0, description="s from a sender to a receiver, wherever they are")
     bianchi_counting: bool = Field(
         default=False, description="whether a busy period takes a slot from every back-off, as in Bianchi's model"

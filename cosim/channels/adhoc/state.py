@@ -118,6 +118,10 @@ STATION: Final = np.dtype(
         ("lost_at", np.int64),  # end of the last frame for it that it has followed and not received, for tables
         ("row", np.int64),  # where its row begins, see ``Network.rows``; NONE if it must be asked for
         ("row_end", np.int64),
+        ("sent_for", np.int64),  # time in which it has sent, followed frames, and been off, but for what goes on
+        ("followed_for", np.int64),
+        ("off_for", np.int64),
+        ("off_from", np.int64),  # NEVER if it is on
     ],
     align=True,
 )
@@ -312,7 +316,7 @@ def new_network(
     stations = new_records(size, STATION)
     for name in ("first", "last", "ends_event", "sending", "awaits", "timeout_event", "followed", "row"):
         stations[name] = NONE
-    stations["ends"] = stations["jammed_from"] = NEVER
+    stations["ends"] = stations["jammed_from"] = stations["off_from"] = NEVER
     stations["act"] = NONE
     stations["window"], stations["idle_from"] = access.cw_min, now
     network = Network(

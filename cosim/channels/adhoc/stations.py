@@ -44,6 +44,7 @@ from cosim.channels.adhoc.state import (
     with_packets,
 )
 from cosim.channels.base import Flying
+from cosim.channels.energy import IDLE, OFF, RECEIVE, TRANSMIT, Use, Uses
 from cosim.jit import njit
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address
@@ -270,6 +271,19 @@ class Stations:
     def dropped(self) -> int:
         """Number of packets that were sent as often as allowed, and not acknowledged."""
         return int(self._common["dropped"])
+
+    def uses(self, address: Address, now: Time) -> Uses:
+        """Return how long a station has sent, followed frames, listened without, and been off, up to *now*."""
+        station = self._network.stations[address]
+        sent, followed, off = (int(station[name]) for name in ("sent_for", "followed_for", "off_for"))
+        if station["sending"] != NONE:
+            sent += now - int(self._network.frames[station["sending"]]["begin"])
+        if station["followed"] != NONE:
+            followed += now - int(station["followed_from"])
+        if station["off_from"] != NEVER:
+            off += now - int(station["off_from"])
+        times = {OFF: off, IDLE: now - sent - followed - off, RECEIVE: followed, TRANSMIT: sent}
+        return {Use(state): time for state, time in times.items() if time}
 
     def flying(self) -> list[Flying]:
         """Return the frames that have begun and not yet arrived to their ends."""

@@ -5,12 +5,24 @@ which has what is left.
 """
 
 from collections import deque
+from collections.abc import Iterable
 from typing import Final, NamedTuple, Protocol
 
-from cosim.channels.ble.packets import LOOKBACK
+from cosim.channels.ble.packets import LOOKBACK, Sent
+from cosim.channels.ble.phy import Phy
+from cosim.channels.energy import RECEIVE, TRANSMIT, Use
+from cosim.machine import Address
 from cosim.units import Time
 
 _EVER: Final[Time] = 1 << 62
+
+
+class Doing(NamedTuple):
+    """What a radio does in [start, end)."""
+
+    start: Time
+    end: Time
+    use: Use
 
 
 class Claim(Protocol):
@@ -18,6 +30,19 @@ class Claim(Protocol):
 
     def taken_until(self, start: Time, end: Time) -> Time | None:
         """Return the end of what it does in [start, end), of the last such if there are several; None for nothing."""
+
+    def doing(self, address: Address, since: Time, until: Time) -> Iterable[Doing]:
+        """Return what the device *address* does for it from a time in [since, until) on, if that is not noted."""
+
+
+class Noting(Protocol):
+    """Something that keeps count of what the radio does."""
+
+    def note(self, doing: Doing) -> None:
+        """Note what the radio will do, from now on or later."""
+
+    def settle(self, now: Time) -> None:
+        """Account for all times before *now*."""
 
 
 class _Claimed(NamedTuple):
@@ -34,6 +59,8 @@ class Antenna:
     def __init__(self) -> None:
         self._claims: list[_Claimed] = []
         self._booked: deque[tuple[Time, Time, object, Time]] = deque()  # start, end, owner, when it was booked
+        self.meter: Noting | None = None
+        """What keeps count of its radio, if anything does."""
 
     @property
     def claims(self) -> list[Claim]:
@@ -42,10 +69,12 @@ class Antenna:
 
     def claim(self, claim: Claim, now: Time) -> None:
         """Have *claim* take it from *now* on."""
+        self.settle(now)
         self._claims.append(_Claimed(claim, now))
 
     def release(self, claim: Claim, now: Time) -> None:
         """Have *claim* take it no more."""
+        self.settle(now)
         kept = [each for each in self._claims if each.until > now - 2 * LOOKBACK]
         self._claims = [
             each._replace(until=now) if each.claim is claim and each.until == _EVER else each for each in kept
@@ -53,9 +82,26 @@ class Antenna:
 
     def book(self, start: Time, end: Time, owner: object, now: Time) -> None:
         """Take it for [start, end), as is decided *now*."""
+        if self.meter is not None:
+            self.meter.settle(now)
         while self._booked and self._booked[0][1] < now - 2 * LOOKBACK:  # events that are looked at last 3 ms
             self._booked.popleft()
         self._booked.append((start, end, owner, now))
+
+    def settle(self, now: Time) -> None:
+        """Have its radio accounted for up to *now*: what it does may be something else from then on."""
+        if self.meter is not None:
+            self.meter.settle(now)
+
+    def sends(self, packet: Sent) -> None:
+        """Note that its radio sends *packet*."""
+        if self.meter is not None:
+            self.meter.note(Doing(packet.start, packet.end, Use(TRANSMIT, packet.phy.name)))
+
+    def listens(self, start: Time, end: Time, phy: Phy) -> None:
+        """Note that its radio listens for a packet in [start, end)."""
+        if self.meter is not None:
+            self.meter.note(Doing(start, end, Use(RECEIVE, phy.name)))
 
     def booked_until(self, start: Time, end: Time, owner: object = None, known: Time = _EVER) -> Time | None:
         """Return the end of what others than *owner* have taken it for in [start, end); None if that is nothing.

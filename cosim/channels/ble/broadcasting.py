@@ -157,6 +157,10 @@ class AdvertisingSet:
             step.length > 0 and self._event > 0,
         )
         self._ether.send(packet)
+        self._station.antenna.sends(packet)
+        if packet.kind != "ADV_EXT_IND":
+            for address in self._follow:
+                self._stations[address].antenna.listens(packet.start, packet.end, packet.phy)
         self._next = self._kernel.at(packet.end, lambda: self._ended(turn, packet))
 
     def _ended(self, turn: int, packet: Sent) -> None:

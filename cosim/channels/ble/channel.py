@@ -14,9 +14,12 @@ from cosim.channels.ble.device import Device, Site
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Ether
 from cosim.channels.ble.hosts import Hosts, Record
+from cosim.channels.ble.metering import Meter
 from cosim.channels.ble.packets import Sent
+from cosim.channels.ble.phy import LE_1M
 from cosim.channels.ble.session import Session
-from cosim.channels.ble.settings import BleSettings
+from cosim.channels.ble.settings import LINK_PHYS, BleSettings
+from cosim.channels.energy import IDLE, RECEIVE, SLEEP, TRANSMIT, Accounts, Use
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier
 from cosim.channels.reach import Disc, Fading, Floor, reach_of
@@ -95,8 +98,22 @@ class BleChannel(Channel):
             tenancy, beacons = self._ether.tenancy, [device.station.beacon for device in self.devices]
             tenancy.lazies += [*(beacon.packets for beacon in beacons), self._resting]
             tenancy.nexts += [beacon.begins_after for beacon in beacons]
+        self._meters: list[Meter] = []
+        if settings.energy is not None:
+            self._meter(settings.energy, sent_dbm)
         for device in self.devices:
             device.start(first=True)
+
+    def _meter(self, energy: str, sent_dbm: Sequence[float]) -> None:
+        """Count what radios use; raise UserError if the part that *energy* names has no current for one of them."""
+        self.accounts = Accounts(energy, lambda address, now: self._meters[address].uses(now), sent_dbm)
+        phys = {LE_1M, LINK_PHYS[self.settings.connection.phy], LINK_PHYS[self.settings.broadcast.phy]}
+        names = sorted(phy.name for phy in phys)
+        on_phys = (Use(state, name) for name in names for state in (RECEIVE, TRANSMIT))
+        self.accounts.check((Use(SLEEP), Use(IDLE, LE_1M.name), *on_phys))
+        for device in self.devices:
+            meter = device.station.antenna.meter = Meter(device.station)
+            self._meters.append(meter)
 
     # ---------------------------------------------------------------- hosts' payloads and commands
 
@@ -154,13 +171,19 @@ class BleChannel(Channel):
             return
         if on:
             self._ether.switch(address, True)
+            self._switch_meter(address, True)
             self.intervals.end(address, "off", self.kernel.now)
             self.devices[address].start()
         else:
             self.devices[address].switch_off()
             self._ether.switch(address, False)
+            self._switch_meter(address, False)
             self.intervals.begin(address, "off", self.kernel.now)
         self._changed()
+
+    def _switch_meter(self, address: Address, on: bool) -> None:
+        if self._meters:
+            self._meters[address].switch(self.kernel.now, on)
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:
         """Put *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
@@ -236,4 +259,4 @@ class BleChannel(Channel):
 
     def summary(self) -> dict[str, float]:
         """Return the number of packets with something of hosts in them."""
-        return {"frames_sent": float(self._ether.sent)}
+        return {"frames_sent": float(self._ether.sent), **self._used()}

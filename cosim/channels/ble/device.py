@@ -179,10 +179,12 @@ class Device:
 
     def _advertise(self, after: Time = 0) -> None:
         if self._findable and self._ether.on[self.address] and self.station.beacon.advertiser is None:
+            self.station.antenna.settle(self._kernel.now)
             self.station.beacon.begin(self._kernel.now, after)
             self._site.changed()
 
     def _conceal(self) -> None:
+        self.station.antenna.settle(self._kernel.now)
         self.station.beacon.end(self._kernel.now)
         self._site.changed()
 
@@ -228,7 +230,7 @@ class Device:
         self._procedure = command
         self._end = self._kernel.after(duration, self._time_out)
         self._hosts.intervals.begin(self.address, self._state, self._kernel.now, self._detail)
-        self.station.windows = self._scan
+        self._listen_in(self._scan)
         peers = [station for station in self._stations() if station is not self.station]
         self.search = Search(site.environment, self.station, peers, wanted, heard)
 
@@ -249,7 +251,11 @@ class Device:
         if self._procedure is not None:
             self._hosts.intervals.end(self.address, self._state, self._kernel.now, self._detail)
         self.search = self._end = self._procedure = None
-        self.station.windows = self._listen
+        self._listen_in(self._listen)
+
+    def _listen_in(self, windows: ScanWindows) -> None:
+        self.station.antenna.settle(self._kernel.now)
+        self.station.windows = windows
 
     def _time_out(self) -> None:
         command = self._procedure
@@ -291,6 +297,9 @@ class Device:
             return
         self.station.antenna.book(start, request.end, self, self._kernel.now)
         self._ether.send(request)
+        self.station.antenna.listens(packet.end, start, LE_1M)
+        self.station.antenna.sends(request)
+        peer.antenna.listens(start, request.end, LE_1M)
         self._procedure_stops()
         self._kernel.at(request.end, lambda: self._requested(peer, request, ll_data, first, part))
 

@@ -54,6 +54,17 @@ class ScanWindows:
         number, since = divmod(self.clock.local(time) - self.offset, self.interval)
         return self.channels[number % len(self.channels)] if since < self.window else None
 
+    def open_time(self, start: Time, end: Time) -> Time:
+        """Return how much of the simulated time [start, end) lies in windows."""
+        if self.window == self.interval:
+            return end - start
+        clock, total = self.clock, 0
+        opens = self.offset + (clock.local(start) - self.offset) // self.interval * self.interval
+        while (begin := clock.at_local(opens)) < end:
+            total += max(0, min(clock.at_local(opens + self.window), end) - max(begin, start))
+            opens += self.interval
+        return total
+
 
 class HeardPdu(NamedTuple):
     """A PDU that a scanner in reach would hear, were nothing else on the air; times in ns."""

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Final
 
-from cosim.channels.ble.antenna import Antenna
+from cosim.channels.ble.antenna import Antenna, Doing
 from cosim.channels.ble.bits.l2cap import ATTRIBUTES, LEAST_OCTETS, MOST_OCTETS, Message, Reassembly, fragments
 from cosim.channels.ble.bits.pdu import Llid, encode_data
 from cosim.channels.ble.connections.arq import Fragment
@@ -23,6 +23,7 @@ from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Judgement
 from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.phy import T_IFS, Phy
+from cosim.channels.energy import RECEIVE, TRANSMIT, Use
 from cosim.errors import WireError
 from cosim.kernel import Handle
 from cosim.machine import Address, Lost, Outcome, Outgoing
@@ -83,6 +84,7 @@ class Session:
         self._kernel, self._ether, self._hosts, self._record = environment
         self._limits = limits
         self._lost, self._may_rest = lost, may_rest
+        self._metered = terminals[Side.CENTRAL].antenna.meter is not None
         self._resting = False
         self._next: Handle | None = None
         self._watch: Handle | None = None
@@ -137,6 +139,7 @@ class Session:
 
     def flush(self, address: Address) -> None:
         """Take out of the queue of the end *address* what has not been on the air."""
+        self._settle_meters()
         side = self.side(address)
         terminal, data = self.terminals[side], self.link.ends[side].arq.data
         while terminal.queue and terminal.queue[-1][1] <= len(data):
@@ -161,6 +164,7 @@ class Session:
     @contextmanager
     def _awake(self) -> Iterator[None]:
         """Have it not rest while something is changed, and then go on as that demands."""
+        self._settle_meters()
         rested = self._resting
         if rested:
             self._ether.tenancy.catch_up(self._kernel.now)
@@ -229,6 +233,63 @@ class Session:
                     yield Sent(at, source, destination, "EMPTY", channel, phy, 0)
             event += 1
 
+    # ---------------------------------------------------------------- what radios do
+
+    def _settle_meters(self) -> None:
+        if self._metered:
+            for terminal in self.terminals:
+                terminal.antenna.settle(self._kernel.now)
+
+    def doing(self, address: Address, since: Time, until: Time) -> Iterator[Doing]:
+        """Yield what the end *address* does from a time in [since, until) on, if that has not been noted by packets."""
+        side = self.side(address)
+        if self._resting:
+            for each in self._doing_at_rest(side, since, until):
+                if since <= each.start < until:
+                    yield each
+        elif side is Side.PERIPHERAL and self.link.on_air is None:
+            receives = Use(RECEIVE, self.link.peripheral.phys[Side.CENTRAL].name)
+            for begin, end in self.link.listening(since, until):
+                yield Doing(begin, end, receives)
+
+    def _doing_at_rest(self, side: Side, since: Time, until: Time) -> Iterator[Doing]:
+        """Yield what an end does in the events from before *since* to after *until*."""
+        link, (down, up) = self.link, self.link.central.phys
+        sends, receives = Use(TRANSMIT, link.central.phys[side].name), Use(RECEIVE, link.central.phys[1 - side].name)
+        event = max(link.event, link.anchors.first_from(link.central.clock, since - self._least))
+        while True:
+            anchor, opens = link.anchor_at_rest(event), link.opens_at_rest(event)
+            if min(anchor, anchor if opens is None else opens) >= until:
+                return
+            polled = anchor + down.air_time(0)
+            answers = polled + T_IFS
+            answered = answers + up.air_time(0)
+            if side is Side.CENTRAL:
+                yield Doing(anchor, polled, sends)
+                yield Doing(polled, answers + up.lead, receives)
+                if opens is not None:
+                    yield Doing(answers, answered, receives)
+            elif opens is not None:
+                yield Doing(opens, anchor, receives)
+                yield Doing(anchor, polled, receives)
+                yield Doing(polled, answers, receives)
+                yield Doing(answers, answered, sends)
+            event += 1
+
+    def _note(self, sent: Sent, packet: Packet) -> None:
+        """Note what radios do for a *packet* that has been put on the air."""
+        event, phys, now = self.link.on_air, self.link.central.phys, self._kernel.now
+        assert event is not None
+        sender, receiver = self.terminals[packet.sender], self.terminals[1 - packet.sender]
+        answer = phys[1 - packet.sender]
+        if not sender.gone:
+            sender.antenna.listens(min(now, sent.start), sent.start, answer)
+            sender.antenna.sends(sent)
+            if packet.sender is Side.CENTRAL or packet.pdu.more or not event.quiet:
+                sender.antenna.listens(sent.end, sent.end + T_IFS + answer.lead, answer)
+        if not receiver.gone and (packet.sender is Side.PERIPHERAL or event.listening):
+            receiver.antenna.listens(sent.start, sent.end, sent.phy)
+
     # ---------------------------------------------------------------- events
 
     def _go_on(self) -> None:
@@ -247,6 +308,7 @@ class Session:
 
     def _begin(self) -> None:
         link, now = self.link, self._kernel.now
+        self._settle_meters()
         link.advance(now)
         self._settle()
         central, peripheral = self.terminals
@@ -293,6 +355,8 @@ class Session:
                 terminal.antenna.book(sent.start, until, self, now)
         if sent.start >= self._kernel.now:  # else it has been sent while the link was at rest
             self._ether.send(sent)
+        if self._metered:
+            self._note(sent, packet)
         if sender.queue and not empty and not end.arq.repeats and pdu.llid is Llid.START:
             self._note_begun(sender, len(end.arq.data))
         self._next = self._kernel.at(sent.end, self._ended)
@@ -352,6 +416,7 @@ class Session:
 
     def _finish(self) -> None:
         self._on_air = None
+        self._settle_meters()
         self.link.finish()
         self._go_on()
 
@@ -369,6 +434,7 @@ class Session:
 
     def _watched(self) -> None:
         self._watch = None
+        self._settle_meters()
         self.link.advance(self._kernel.now)
         self._settle()
         self._look_out()

@@ -20,6 +20,7 @@ UNIT: Final[Time] = 625 * US
 """Unit of advertising and scan intervals and of scan windows."""
 PhyName = Literal["1M", "2M", "coded"]
 Interference = Literal["none", "band"]
+Part = Literal["states", "nrf52840"]
 
 LINK_PHYS: Final[dict[str, Phy]] = {"1M": LE_1M, "2M": LE_2M, "coded": CODED_S8}
 """PHYs to which links can change, by their names."""
@@ -182,6 +183,10 @@ class BleSettings(ChannelSettings):
         description="payloads that a device holds for a link, or for everyone; unlimited if not given",
     )
     clock_ppm: int = Field(default=20, ge=0, le=500, description="ppm, greatest error of the devices' clocks")
+    energy: Part | None = Field(
+        default=None,
+        description="what radios use is counted: their times by state (states), and the energy of a part (nrf52840)",
+    )
     idle_frames: bool = Field(
         default=False, description="whether recorded frames include links' polls and empty answers"
     )

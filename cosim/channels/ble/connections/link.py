@@ -8,7 +8,7 @@ Of the procedures of the link layer (Core v5.0, Vol 6 Part B, 5.1) there are con
 termination, data length and PHY update, each in its plain course: no collisions, no time-outs of their own.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, TypeAlias
@@ -283,6 +283,35 @@ class Link:
         if self._taken < event - 1 and event > self.event:
             central.arq.sent = EMPTY  # the last poll has had no answer
         self.event = event
+
+    def anchor_at_rest(self, event: int) -> Time:
+        """Return the instant at which *event*, not an earlier one than the next, begins if the link rests till then."""
+        return self.central.clock.at_local(self.anchors.at(event))
+
+    def opens_at_rest(self, event: int) -> Time | None:
+        """Return from when on the peripheral listens for such an *event*; None if it sleeps through that one."""
+        first, step = max(self.event, self._awake), 1 + self.peripheral.parameters.latency
+        if event < first or (event - first) % step:
+            return None
+        clock, expected = self.peripheral.clock, self.expected
+        if event > first:
+            expected = expected.anchored(event - step, clock.local(self.anchor_at_rest(event - step)))
+        return clock.at_local(expected.opens(event))
+
+    def listening(self, since: Time, until: Time) -> Iterator[tuple[Time, Time]]:
+        """Yield when in [since, until) the peripheral listens for events that have not begun, and do not begin then."""
+        end, expected, clock = self.peripheral, self.expected, self.peripheral.clock
+        if end.loss is not None:
+            return
+        first = expected.event if end.arq.busy else max(expected.event, self._awake)
+        near = expected.event + (clock.local(since) - expected.local) // expected.interval - 2  # windows may overlap it
+        for event in range(max(first, near), expected.lost_from()):
+            opens = clock.at_local(expected.opens(event))
+            if opens >= until:
+                return
+            closes = clock.at_local(expected.closes(event)) + end.phys[Side.CENTRAL].lead
+            if closes > since:
+                yield max(opens, since), min(closes, until)
 
     def begin(self, until: Time, present: bool = True) -> ConnectionEvent:
         """Begin the next event, for which there is time *until* then; raise LocalProtocolError if there is no link.
