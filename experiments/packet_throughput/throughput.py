@@ -12,10 +12,10 @@ import numpy as np
 from pydantic import Field
 
 from cosim.channels.bluetooth.bits.errors import throughput_kbps
+from cosim.channels.bluetooth.bits.powers import POWER_DBM
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.inquiry import known_offset
 from cosim.channels.bluetooth.packets import ACL, AclName, PacketType
-from cosim.channels.bluetooth.bits.powers import POWER_DBM
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.errors import CosimError
