@@ -108,7 +108,7 @@ def _law(radio: int, settings: ChannelSettings) -> PropagationSettings:
     except ValueError as error:
         raise error_at(place, settings.kind, f"shares no air, {error}") from None
     if law is None:
-        raise error_at((*place, "propagation"), None, "is needed where the air is shared")
+        raise error_at((*place, "propagation"), None, "is not a law: needed where the air is shared")
     return law
 
 
