@@ -108,7 +108,7 @@ def commands() -> None:
     type=click.Path(file_okay=False, path_type=Path),
     help="Write the tables there: poses, what was on the air (frames, transmissions, receptions, unsent), what radios "
     "hold (payloads), what lasts (intervals: links, crashes, jammers ...), what machines get, do and report "
-    "(messages, links, wakes, events, calls), and what robots believe (maps, ways, estimates); metrics over time.",
+    "(messages, links, wakes, events, calls), and what robots believe (maps, ways, estimates); metrics, energy.",
 )
 @click.option(
     "--pcapng",

@@ -134,7 +134,7 @@ def test_trace_writes_the_tables_and_shows_one_step_as_nested_calls(cosim: Any, 
     tables = {"poses.parquet", "frames.parquet", "messages.parquet", "unsent.parquet"}
     tables |= {"calls.parquet", "events.parquet", "links.parquet", "payloads.parquet", "wakes.parquet"}
     tables |= {"transmissions.parquet", "receptions.parquet", "intervals.parquet"}
-    tables |= {"maps.parquet", "ways.parquet", "estimates.parquet", "metrics.parquet"}
+    tables |= {"maps.parquet", "ways.parquet", "estimates.parquet", "metrics.parquet", "energy.parquet"}
     assert files(tmp_path / "tables") == tables | {"scene.json"}
     help_text = cosim("run", "--help").out
     assert all(table.removesuffix(".parquet") in help_text for table in tables)
