@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
-from cosim.intervals import STATES
+from cosim.intervals import LINKED, STATES
+from cosim.machine import Role
 
 FRAME: Final = "frame"
 STATE: Final = "state"
@@ -59,8 +60,6 @@ _GROUPS: Final = {
 }
 CHANNEL: Final = "channel"
 PICONET: Final = "piconet"
-SLAVE: Final = "slave"
-"""The state of a link at the member of a piconet that is not its master."""
 RECEIVED: Final = "received"
 CUT: Final = "cut"
 """The outcome of a transmission whose sender fell silent before its end."""
@@ -95,6 +94,11 @@ class Codes:
         return self._kinds.get((group, name))
 
     @property
+    def slaves(self) -> list[int]:
+        """The codes of the states of robots that are the slave of a link, or its peripheral."""
+        return [code for code, kind in enumerate(self._kinds) if _role_of(*kind) == Role.SLAVE.value]
+
+    @property
     def kinds(self) -> list[tuple[str, str]]:
         """Groups and names, by code."""
         return list(self._kinds)
@@ -114,6 +118,7 @@ class Codes:
         """Both tables as plain data."""
         kinds = [
             {"code": code, "name": name, "group": group, "meaning": _GROUPS[group].get(name, "")}
+            | {"role": _role_of(group, name)}
             for code, (group, name) in enumerate(self._kinds)
         ]
         outcomes = [
@@ -121,6 +126,12 @@ class Codes:
             for code, (name, part) in enumerate(self._outcomes)
         ]
         return {"kinds": kinds, "outcomes": outcomes}
+
+
+def _role_of(group: str, name: str) -> str:
+    """Return what a robot is in the link that it has while in the state *name*; nothing if that tells of none."""
+    linked = LINKED.get(name) if group == STATE else None
+    return linked.role.value if linked and linked.role else ""
 
 
 def is_lost(outcome: str) -> bool:

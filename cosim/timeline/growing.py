@@ -15,7 +15,7 @@ import numpy as np
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.base import Flying
 from cosim.errors import UserError
-from cosim.intervals import Interval
+from cosim.intervals import Interval, master_of, partner
 from cosim.present import Present
 from cosim.timeline.assembly import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.codes import CHANNEL, FRAME, PICONET, STATE, Codes
@@ -24,7 +24,7 @@ from cosim.timeline.detail import Row
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
 from cosim.timeline.queues import Queues
-from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
+from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name
 from cosim.timeline.sensing import SENSED_FROM, Sensing
 from cosim.trace import FRAMES, INTERVALS, METRICS, PAYLOADS, TRANSMISSIONS, Field, Table
 from cosim.units import S, Time

@@ -1,13 +1,12 @@
 """The boxes that rows of tables make, and the lanes that they belong to."""
 
-import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cosim.intervals import HOST
+from cosim.intervals import HOST, LINKED, MEMBER, master_of, partner
 from cosim.timeline.codes import CHANNEL, CUT, EVENT, FRAME, MESSAGE, PICONET, STATE, WAKE, Codes, Named
 from cosim.timeline.lanes import Array, Boxes
 from cosim.trace import FRAMES, INTERVALS, MESSAGES, TRANSMISSIONS, WAKES, Trace
@@ -24,12 +23,6 @@ SOURCES: Final[dict[str, tuple[str, ...]]] = {
 }
 """Tables whose rows are boxes, in the order in which they are to be read, with the columns that tell which."""
 RADIO: Final = "radio"
-LINKED: Final = ("master", "slave")
-"""States of a link in a piconet, whose boxes have the robot at its other end as their peer."""
-MEMBER: Final = ("slave", "hold", "sniff", "park", "away", "part_time")
-"""States of a member of a piconet whose detail names its master, for the lanes of piconets."""
-_PARTNER: Final = re.compile(r"\b(?:master|slave)=([0-9]+)")
-_MASTER: Final = re.compile(r"\bmaster=([0-9]+)")
 MOST_STACKED: Final = 16
 """Lanes of overlapping boxes of one kind; the last one takes all that have no place in the others."""
 
@@ -225,7 +218,7 @@ class Maker:
             kinds,
             _zeros(starts),
             rows,
-            peers_of(_robots_in(columns["state"], columns["detail"], LINKED, _PARTNER)),
+            peers_of(_robots_in(columns["state"], columns["detail"], LINKED, partner)),
         )
         made = Made("states", robots, radios, np.array(stacked, dtype=np.int64), boxes)
         return [made, _in_piconets(columns, boxes)]
@@ -264,16 +257,11 @@ def _on_channels(columns: Mapping[str, Any], radios: Array, boxes: Boxes, mask: 
 
 def _in_piconets(columns: Mapping[str, Any], boxes: Boxes) -> Made:
     """Return the boxes of members of piconets, by master and member."""
-    masters = _robots_in(columns["state"], columns["detail"], MEMBER, _MASTER)
+    masters = _robots_in(columns["state"], columns["detail"], MEMBER, master_of)
     there = np.flatnonzero(masters >= 0)
     members = columns["robot"][there]
     found = boxes.taken(there)._replace(peers=peers_of(members))
     return Made(PICONET, masters[there], columns["radio"][there], members, found)
-
-
-def master_of(state: str, detail: str) -> int:
-    """Return the master of the piconet to whose member an interval in that *state* belongs; -1 if it is none."""
-    return _robot_in(detail, _MASTER) if state in MEMBER else -1
 
 
 def _lut(codes: Sequence[int], dtype: Any) -> Array:
@@ -285,29 +273,22 @@ def peers_of(robots: Array) -> Array:
     return np.clip(robots, -2, np.iinfo(np.int16).max).astype(np.int16)
 
 
-def partner(state: str, detail: str) -> int:
-    """Return the robot at the other end of a piconet's link, which is in that *state*; -1 for other states."""
-    return _robot_in(detail, _PARTNER) if state in LINKED else -1
-
-
-def _robot_in(detail: str, pattern: re.Pattern[str]) -> int:
-    found = pattern.search(detail)
-    return int(found[1]) if found else -1
-
-
 def _robots_in(
     states: tuple[Array, Sequence[str]],
     details: tuple[Array, Sequence[str]],
-    wanted: Sequence[str],
-    pattern: re.Pattern[str],
+    wanted: Mapping[str, Any],
+    named: Callable[[str, str], int],
 ) -> Array:
-    """Return the robot that *pattern* finds in the detail of each interval in one of the *wanted* states; -1 else."""
+    """Return the robot that is *named* by state and detail of each interval in one of the *wanted* states; -1 else."""
     (state_codes, state_words), (codes, words) = states, details
-    there = _lut([word in wanted for word in state_words], bool)[state_codes]
-    robots = np.full(max(1, len(words)), -1)
-    for code in np.unique(codes[there]).tolist():  # each text once, of many rows
-        robots[code] = _robot_in(words[code], pattern)
-    return np.where(there, robots[codes], -1)
+    robots = np.full(len(codes), -1)
+    for state, word in enumerate(state_words):
+        if word not in wanted:
+            continue
+        there = np.flatnonzero(state_codes == state)
+        texts, which = np.unique(codes[there], return_inverse=True)  # each text once, of many rows
+        robots[there] = np.array([named(word, words[text]) for text in texts.tolist()], dtype=np.int64)[which]
+    return robots
 
 
 def _nobody(column: Array) -> Array:

@@ -67,9 +67,14 @@ export class Kinds {
     return this.colours.get(code) ?? this.paint.quiet;
   }
 
+  /** What a robot is in the link that it has while in this state, by the server: master or slave, or nothing. */
+  role(code) {
+    return this.by_code.get(code)?.role ?? "";
+  }
+
   /** The colour of a state of a robot: a link of a piconet has that of its master. */
   state_colour(code, robot, peer) {
-    const master = { master: robot, slave: peer ?? -1 }[this.name(code)] ?? -1;
+    const master = { master: robot, slave: peer ?? -1 }[this.role(code)] ?? -1;
     return master >= 0 ? this.robots[master % ROBOTS] : this.colour(code);
   }
 
