@@ -122,7 +122,9 @@ class Links:
             return None
         ended = self._open.pop(end, None)
         if news.event in _CONNECTED and role in LINKED:
-            self._open[end] = Interval(news.time, news.robot, news.time, radio, role, f"{LINKED[role].other}={news.peer}")
+            self._open[end] = Interval(
+                news.time, news.robot, news.time, radio, role, f"{LINKED[role].other}={news.peer}"
+            )
         return None if ended is None else ended._replace(end=news.time)
 
     def under_way(self) -> list[Interval]:
