@@ -5,6 +5,8 @@ from typing import Any, Final, NamedTuple
 
 from cosim.intervals import LINKED, STATES
 from cosim.machine import Role
+from cosim.timeline.sections import WHOLE, Section
+from cosim.units import Time
 
 FRAME: Final = "frame"
 STATE: Final = "state"
@@ -66,28 +68,40 @@ CUT: Final = "cut"
 NOWHERE: Final = -1
 """The RF channel of lanes that are about none."""
 
-Outcome = tuple[str, str]
-"""What became of a frame, and the part of it that failed first."""
+
+class Outcome(NamedTuple):
+    """What became of a frame."""
+
+    name: str
+    part: str
+    """The part of it that failed first,"""
+    begin: Time
+    """and from when"""
+    end: Time | None
+    """to when that lasts, ns after its start; None: to its end."""
 
 
 class Codes:
     """Names by number, in the order in which they were first met."""
 
-    def __init__(self, kinds: Iterable[Sequence[str]] = (), outcomes: Iterable[Sequence[str]] = ()) -> None:
+    def __init__(self, kinds: Iterable[Sequence[str]] = (), outcomes: Iterable[Sequence[Any]] = ()) -> None:
         self._kinds: dict[tuple[str, str], int] = {}
         self._outcomes: dict[Outcome, int] = {}
         for group, name in kinds:
             self.kind(group, name)
-        for name, part in outcomes or [("", "")]:
-            self.outcome(name, part)
+        for outcome in outcomes or [("", "", *WHOLE)]:
+            self._code(Outcome(*outcome))
 
     def kind(self, group: str, name: str) -> int:
         """Return the code of the kind *name* of *group*."""
         return self._kinds.setdefault((group, name), min(len(self._kinds), NO_KIND - 1))
 
-    def outcome(self, name: str, part: str = "") -> int:
-        """Return the code of the outcome *name* of a frame whose *part* failed first."""
-        return self._outcomes.setdefault((name, part), min(len(self._outcomes), 0xFF))
+    def outcome(self, name: str, part: str = "", section: Section = WHOLE) -> int:
+        """Return the code of the outcome *name* of a frame whose *part*, which is that *section*, failed first."""
+        return self._code(Outcome(name, part, *section))
+
+    def _code(self, outcome: Outcome) -> int:
+        return self._outcomes.setdefault(outcome, min(len(self._outcomes), 0xFF))
 
     def code_of(self, group: str, name: str) -> int | None:
         """Return the code of the kind *name* of *group*; None if there was none of it."""
@@ -105,13 +119,13 @@ class Codes:
 
     @property
     def outcomes(self) -> list[Outcome]:
-        """Names and parts, by code."""
+        """All outcomes, by code."""
         return list(self._outcomes)
 
     @property
     def lost(self) -> list[bool]:
         """Whether a frame of that outcome is lost, by code."""
-        return [is_lost(name) for name, _ in self._outcomes]
+        return [is_lost(outcome.name) for outcome in self._outcomes]
 
     @property
     def plain(self) -> dict[str, Any]:
@@ -122,8 +136,8 @@ class Codes:
             for code, (group, name) in enumerate(self._kinds)
         ]
         outcomes = [
-            {"code": code, "name": name, "part": part, "lost": is_lost(name)}
-            for code, (name, part) in enumerate(self._outcomes)
+            {"code": code, "name": name, "part": part, "lost": is_lost(name), "lost_ns": [begin, end]}
+            for code, (name, part, begin, end) in enumerate(self._outcomes)
         ]
         return {"kinds": kinds, "outcomes": outcomes}
 

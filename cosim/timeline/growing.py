@@ -6,7 +6,7 @@ stations sense follows from frames that are over.
 """
 
 from array import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -176,9 +176,16 @@ class Growing:
     """The lanes of a run that is under way, and the latest rows of its tables."""
 
     def __init__(
-        self, tables: Iterable[Table], most: int = MOST_ROWS, radios: Mapping[int, AdhocSettings] = _NO_RADIOS
+        self,
+        tables: Iterable[Table],
+        most: int = MOST_ROWS,
+        radios: Mapping[int, AdhocSettings] = _NO_RADIOS,
+        low_energy: Collection[int] = (),
     ) -> None:
-        """Keep at most so many rows; *radios*: the settings of the 802.11 radios, by number."""
+        """Keep at most so many rows.
+
+        *radios*: the settings of the 802.11 radios, by number; *low_energy*: the numbers of those of Low Energy.
+        """
         self.lanes: list[GrowingLane] = []
         self.codes = Codes()
         self.now: Time = 0
@@ -187,7 +194,7 @@ class Growing:
         self._tables = {table.name: Columns(table) for table in tables}
         self._several = any(RADIO in table.names for name, table in self._tables.items() if name != INTERVALS.name)
         self._most = most
-        self._maker = Maker(self.codes, late=True)
+        self._maker = Maker(self.codes, late=True, low_energy=low_energy)
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
         self._flying: list[Flying] = []

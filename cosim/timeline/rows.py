@@ -1,7 +1,7 @@
 """The boxes that rows of tables make, and the lanes that they belong to."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -9,13 +9,14 @@ import numpy as np
 from cosim.intervals import HOST, LINKED, MEMBER, master_of, partner
 from cosim.timeline.codes import CHANNEL, CUT, EVENT, FRAME, MESSAGE, PICONET, STATE, WAKE, Codes, Named
 from cosim.timeline.lanes import Array, Boxes
+from cosim.timeline.sections import of_bluetooth, of_low_energy
 from cosim.trace import FRAMES, INTERVALS, MESSAGES, TRANSMISSIONS, WAKES, Trace
 from cosim.units import Time
 
 EVENTS: Final = "events"
 SOURCES: Final[dict[str, tuple[str, ...]]] = {
     TRANSMISSIONS.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "whole"),
-    FRAMES.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "outcome", "part"),
+    FRAMES.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "length", "outcome", "part"),
     INTERVALS.name: ("start_ns", "robot", "end_ns", "radio", "state", "detail"),
     MESSAGES.name: ("time_ns", "source", "sender"),
     WAKES.name: ("time_ns", "source"),
@@ -27,6 +28,8 @@ MOST_STACKED: Final = 16
 """Lanes of overlapping boxes of one kind; the last one takes all that have no place in the others."""
 
 
+_WORDED: Final = ("outcome", "part", "kind")
+"""Columns of frames that are words."""
 _TOGETHER: Final = 8
 """Frames of one lane that begin at one instant, at most: those beyond show no loss."""
 
@@ -139,11 +142,12 @@ _LOSSES: Final = (np.int64, np.int64, np.int64, np.int64, np.uint16, np.uint8)
 class Maker:
     """Makes boxes of rows: a table's columns are arrays of numbers, and (codes, words by code) for text."""
 
-    def __init__(self, codes: Codes, late: bool = False) -> None:
-        """*late*: rows of a radio's transmissions may come after those of its frames."""
+    def __init__(self, codes: Codes, late: bool = False, low_energy: Collection[int] = ()) -> None:
+        """*late*: rows of a radio's transmissions may come after those of its frames; *low_energy*: radios of it."""
         self.codes = codes
         self.stacks = Stacks()
         self._late = late
+        self._low_energy = sorted(low_energy)
         self.sending: set[int] = set()
         """Radios of whose transmissions there are rows."""
         self.losses: list[Losses] = []
@@ -185,13 +189,22 @@ class Maker:
     def _outcomes(self, columns: Mapping[str, Any]) -> Array:
         """Return the codes of the outcomes of rows of frames, and of the parts that failed."""
         (outcomes, words), (parts, part_words) = columns["outcome"], columns["part"]
-        pairs = outcomes.astype(np.int64) * max(1, len(part_words)) + parts
+        own = np.isin(_radios(columns), self._low_energy) & _lut([part != "" for part in part_words], bool)[parts]
         table = np.zeros(max(1, len(words) * max(1, len(part_words))), dtype=np.uint8)
-        for pair in np.unique(pairs).tolist():
+        pairs = outcomes.astype(np.int64) * max(1, len(part_words)) + parts
+        for pair in np.unique(pairs[~own]).tolist():
             word, part = divmod(pair, len(part_words))
-            table[pair] = self.codes.outcome(words[word], part_words[part])
+            table[pair] = self.codes.outcome(words[word], part_words[part], of_bluetooth(part_words[part]))
         codes: Array = table[pairs]
+        for row in np.flatnonzero(own).tolist():
+            codes[row] = self._lost_of_low_energy(columns, row)
         return codes
+
+    def _lost_of_low_energy(self, columns: Mapping[str, Any], row: int) -> int:
+        """Return the code of the outcome of a *row* of a frame of Low Energy of which a part was lost."""
+        outcome, part, kind = (words[codes[row]] for codes, words in (columns[name] for name in _WORDED))
+        section = of_low_energy(part, kind, int(columns["duration_ns"][row]), int(columns["length"][row]))
+        return self.codes.outcome(outcome, part, section)
 
     def _frame_boxes(self, columns: Mapping[str, Any], outcomes: Array, first: int) -> Boxes:
         starts = columns["time_ns"]

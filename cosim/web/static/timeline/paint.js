@@ -149,7 +149,7 @@ export class Painter {
   /** Hatch the part of a frame that was lost, and cross it out. */
   paint_loss(pen, axis, block, at, x, y, width, height) {
     const { bad, paper } = this.kinds.paint;
-    const [from_ns, to_ns] = this.kinds.lost_part(block.codes[at], block.outcomes[at], block.durations[at]);
+    const [from_ns, to_ns] = this.kinds.lost_part(block.outcomes[at], block.durations[at]);
     const left = x + from_ns / axis.ns_per_px;
     const wide = Math.max(1.5, (to_ns - from_ns) / axis.ns_per_px);
     pen.fillStyle = bad;
