@@ -24,7 +24,7 @@ from cosim.channels.ble.bits.control import (
     decode_control,
 )
 from cosim.channels.ble.bits.l2cap import HEADER_OCTETS as L2CAP_OCTETS
-from cosim.channels.ble.bits.l2cap import Message, Reassembly
+from cosim.channels.ble.bits.l2cap import ATTRIBUTES, Message, Reassembly
 from cosim.channels.ble.bits.pdu import (
     AdvertisingPdu,
     AdvertisingType,
@@ -186,7 +186,7 @@ def payload_of(pdus: "list[DataPdu]") -> bytes | None:
 
 
 def _notified(message: Message) -> bytes | None:
-    of_user = message.information.startswith(NOTIFICATION)
+    of_user = message.channel == ATTRIBUTES and message.information.startswith(NOTIFICATION)
     return message.information[len(NOTIFICATION) :] if of_user else None
 
 
