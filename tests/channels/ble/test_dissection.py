@@ -73,8 +73,7 @@ GOLDEN: list[tuple[str, bytes, dict[str, Any], bytes | None]] = [
     (
         "AUX_CHAIN_IND",  # the last of a chain: a part of a payload
         packet(ADVERTISING, "07 0b 03 08 01 20 06 ff ff ff 61 62 63"),
-        ON_ADVERTISING
-        | {"pdu": "AUX_CHAIN_IND", "mode": "none", "advertising_set": 2, "data_id": 1, "data_octets": 7},
+        ON_ADVERTISING | {"pdu": "AUX_CHAIN_IND", "mode": "none", "advertising_set": 2, "data_id": 1, "data_octets": 7},
         None,
     ),
     (
