@@ -1,7 +1,8 @@
 """What payloads say, as their protocol understands them: for who looks at a frame of a run.
 
 A protocol's spec decodes its own payloads (``ProtocolSpec.decode``); what a router has packed for the air is unpacked
-here. Decoded messages become plain data, as JSON has it: who shows them need know no protocol.
+here, and so are packets of Low Energy, which tables hold whole. Decoded messages become plain data, as JSON has it: who
+shows them need know no protocol.
 """
 
 import math
@@ -13,6 +14,8 @@ from typing import Any, Final, TypeAlias
 from pydantic import BaseModel
 
 from cosim.channels.adhoc.routing import aodv_wire, ip, olsr_wire
+from cosim.channels.ble.dissection import dissect
+from cosim.channels.ble.settings import BleSettings
 from cosim.errors import WireError
 from cosim.scenario import Scenario
 
@@ -30,6 +33,19 @@ def decoded(scenario: Scenario, payload: bytes, routed: bool = False) -> Plain:
     if routed:
         return _sentence_or(_routed, scenario, payload)
     return _sentence_or(_payload, scenario, payload)
+
+
+def frame_said(scenario: Scenario, body: bytes, sent: Mapping[str, Any] | None) -> Plain:
+    """Return what *body* says, in a run of *scenario*: that of a transmission, or else a payload.
+
+    *sent* is the row of the transmission; its radio tells what a body is.
+    """
+    if sent is None:
+        return decoded(scenario, body)
+    radio = sent.get("radio", 0)
+    if radio < len(scenario.radios) and isinstance(scenario.radios[radio], BleSettings):
+        return _low_energy(scenario, body, sent["kind"])
+    return decoded(scenario, body, bool(sent["routed"]))
 
 
 def packet_name(packet: bytes) -> str:
@@ -90,6 +106,16 @@ def _payload(scenario: Scenario, payload: bytes) -> Any:
     if spec.decode is None:
         return f"protocol {spec.name} does not say how to decode its payloads"
     return spec.decode(scenario.protocol.parameters, scenario.team.size, payload)
+
+
+def _low_energy(scenario: Scenario, packet: bytes, kind: str) -> Plain:
+    """Return what a *packet* of Low Energy says, and below it what the payload says that it carries, if one whole."""
+    try:
+        fields, payload = dissect(kind, packet)
+    except WireError as error:
+        return f"no packet: {error}"
+    carried = {} if payload is None else {"payload": _sentence_or(_payload, scenario, payload)}
+    return {"low_energy": fields} | carried
 
 
 def _routed(scenario: Scenario, packet: bytes) -> Any:

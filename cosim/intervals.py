@@ -5,11 +5,13 @@ who watches a run under way sees it too. Rows come in the order in which interva
 ahead tells of what was in between when it comes to it. Nothing is kept, and nothing costs, unless the trace wants it.
 """
 
+import re
 from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, Final, NamedTuple
 
-from cosim.machine import Address
+from cosim.machine import Address, Role
 from cosim.trace import INTERVALS, Trace
 from cosim.units import Time
 
@@ -69,6 +71,77 @@ STATES: Final[dict[str, str]] = {
     "wall": "the wall of loss that is the scenario's fault number fault stands for the nth time; radio as for jammers",
 }
 """All states, with their meanings, by what they are of."""
+
+
+class LinkState(NamedTuple):
+    """What a state says of the link that a robot has while it is in it."""
+
+    role: Role | None
+    """What the robot is in its link; None where the detail tells, as role=."""
+    other: str
+    """The word of the detail that names the robot at the other end."""
+
+
+LINKED: Final[Mapping[str, LinkState]] = {
+    "link": LinkState(None, "peer"),
+    "master": LinkState(Role.MASTER, "slave"),
+    "slave": LinkState(Role.SLAVE, "master"),
+    "central": LinkState(Role.MASTER, "peer"),
+    "peripheral": LinkState(Role.SLAVE, "peer"),
+    "peer": LinkState(Role.PEER, "peer"),  # of no row: what follows from news of links of equals
+}
+"""The states of robots that have a link, over whatever channel."""
+MEMBER: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("slave", "hold", "sniff", "park", "away", "part_time"), "master"),
+    "peripheral": "peer",
+}
+"""The states of members of piconets, each with the word of the detail that names the master (or central)."""
+_PARTNERS: Final[Mapping[str, str]] = {state: linked.other for state, linked in LINKED.items()}
+
+
+class Link(NamedTuple):
+    """An end of a link."""
+
+    role: str
+    """What the robot is in it: master, slave or peer."""
+    other: Address
+    """The robot at the other end; -1 if that is not told."""
+
+
+def link_of(state: str, detail: str) -> Link | None:
+    """Return the end of a link that an interval in that *state* is; None if it is none."""
+    linked = LINKED.get(state)
+    if linked is None:
+        return None
+    role = linked.role.value if linked.role else said(detail, "role")
+    return Link(role, robot_said(detail, linked.other))
+
+
+def partner(state: str, detail: str) -> Address:
+    """Return the robot at the other end of the link that an interval in that *state* is; -1 if it is none."""
+    return robot_said(detail, _PARTNERS[state]) if state in _PARTNERS else -1
+
+
+def master_of(state: str, detail: str) -> Address:
+    """Return the master of the piconet to whose member an interval in that *state* belongs; -1 if it is none."""
+    return robot_said(detail, MEMBER[state]) if state in MEMBER else -1
+
+
+def said(detail: str, name: str) -> str:
+    """Return what *detail* says of *name*, as name=value; nothing if it does not."""
+    found = _word(name).search(detail)
+    return found[1] if found else ""
+
+
+def robot_said(detail: str, name: str) -> Address:
+    """Return the robot that *detail* names as *name*; -1 if there is none."""
+    value = said(detail, name)
+    return int(value) if value.isdecimal() else -1
+
+
+@cache
+def _word(name: str) -> re.Pattern[str]:
+    return re.compile(rf"(?<!\S){name}=(\S*)")
 
 
 class Interval(NamedTuple):

@@ -128,7 +128,7 @@ def _ordered(recording: Recording, made: list[timeline.Lane], codes: Codes) -> l
 
 
 def _worded(place: tuple[int, int, str, str], boxes: Boxes, codes: Codes, recording: Recording) -> Lane:
-    kinds, outcomes = [name for _, name in codes.kinds], [name for name, _ in codes.outcomes]
+    kinds, outcomes = [name for _, name in codes.kinds], [outcome.name for outcome in codes.outcomes]
     starts, ends, rows = (column.astype(np.int64) for column in (boxes.starts, boxes.ends, boxes.rows))
     found = [outcomes[code] for code in boxes.outcomes.tolist()]
     if place[2] == SENT:  # whether anybody has lost it is told where it was to be received

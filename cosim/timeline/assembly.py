@@ -1,7 +1,7 @@
 """All lanes of a run, from all its tables at once."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -36,11 +36,12 @@ OF_SENDERS: Final = ("sent", CHANNEL)
 class Assembly:
     """Takes the tables of a run, a group of rows at a time, and makes lanes of them."""
 
-    def __init__(self) -> None:
+    def __init__(self, low_energy: Collection[int] = ()) -> None:
+        """*low_energy*: the numbers of the radios of Low Energy."""
         self.codes = Codes()
         self.several = False
         """Whether robots have several radios."""
-        self._maker = Maker(self.codes)
+        self._maker = Maker(self.codes, low_energy=low_energy)
         self._parts: defaultdict[tuple[str, tuple[int, int, int]], list[Boxes]] = defaultdict(list)
 
     def add(self, table: str, columns: dict[str, Any], first: int) -> None:

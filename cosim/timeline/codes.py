@@ -3,7 +3,10 @@
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
-from cosim.intervals import STATES
+from cosim.intervals import LINKED, STATES
+from cosim.machine import Role
+from cosim.timeline.sections import WHOLE, Section
+from cosim.units import Time
 
 FRAME: Final = "frame"
 STATE: Final = "state"
@@ -59,40 +62,55 @@ _GROUPS: Final = {
 }
 CHANNEL: Final = "channel"
 PICONET: Final = "piconet"
-SLAVE: Final = "slave"
-"""The state of a link at the member of a piconet that is not its master."""
 RECEIVED: Final = "received"
 CUT: Final = "cut"
 """The outcome of a transmission whose sender fell silent before its end."""
 NOWHERE: Final = -1
 """The RF channel of lanes that are about none."""
 
-Outcome = tuple[str, str]
-"""What became of a frame, and the part of it that failed first."""
+
+class Outcome(NamedTuple):
+    """What became of a frame."""
+
+    name: str
+    part: str
+    """The part of it that failed first,"""
+    begin: Time
+    """and from when"""
+    end: Time | None
+    """to when that lasts, ns after its start; None: to its end."""
 
 
 class Codes:
     """Names by number, in the order in which they were first met."""
 
-    def __init__(self, kinds: Iterable[Sequence[str]] = (), outcomes: Iterable[Sequence[str]] = ()) -> None:
+    def __init__(self, kinds: Iterable[Sequence[str]] = (), outcomes: Iterable[Sequence[Any]] = ()) -> None:
         self._kinds: dict[tuple[str, str], int] = {}
         self._outcomes: dict[Outcome, int] = {}
         for group, name in kinds:
             self.kind(group, name)
-        for name, part in outcomes or [("", "")]:
-            self.outcome(name, part)
+        for outcome in outcomes or [("", "", *WHOLE)]:
+            self._code(Outcome(*outcome))
 
     def kind(self, group: str, name: str) -> int:
         """Return the code of the kind *name* of *group*."""
         return self._kinds.setdefault((group, name), min(len(self._kinds), NO_KIND - 1))
 
-    def outcome(self, name: str, part: str = "") -> int:
-        """Return the code of the outcome *name* of a frame whose *part* failed first."""
-        return self._outcomes.setdefault((name, part), min(len(self._outcomes), 0xFF))
+    def outcome(self, name: str, part: str = "", section: Section = WHOLE) -> int:
+        """Return the code of the outcome *name* of a frame whose *part*, which is that *section*, failed first."""
+        return self._code(Outcome(name, part, *section))
+
+    def _code(self, outcome: Outcome) -> int:
+        return self._outcomes.setdefault(outcome, min(len(self._outcomes), 0xFF))
 
     def code_of(self, group: str, name: str) -> int | None:
         """Return the code of the kind *name* of *group*; None if there was none of it."""
         return self._kinds.get((group, name))
+
+    @property
+    def slaves(self) -> list[int]:
+        """The codes of the states of robots that are the slave of a link, or its peripheral."""
+        return [code for code, kind in enumerate(self._kinds) if _role_of(*kind) == Role.SLAVE.value]
 
     @property
     def kinds(self) -> list[tuple[str, str]]:
@@ -101,26 +119,33 @@ class Codes:
 
     @property
     def outcomes(self) -> list[Outcome]:
-        """Names and parts, by code."""
+        """All outcomes, by code."""
         return list(self._outcomes)
 
     @property
     def lost(self) -> list[bool]:
         """Whether a frame of that outcome is lost, by code."""
-        return [is_lost(name) for name, _ in self._outcomes]
+        return [is_lost(outcome.name) for outcome in self._outcomes]
 
     @property
     def plain(self) -> dict[str, Any]:
         """Both tables as plain data."""
         kinds = [
             {"code": code, "name": name, "group": group, "meaning": _GROUPS[group].get(name, "")}
+            | {"role": _role_of(group, name)}
             for code, (group, name) in enumerate(self._kinds)
         ]
         outcomes = [
-            {"code": code, "name": name, "part": part, "lost": is_lost(name)}
-            for code, (name, part) in enumerate(self._outcomes)
+            {"code": code, "name": name, "part": part, "lost": is_lost(name), "lost_ns": [begin, end]}
+            for code, (name, part, begin, end) in enumerate(self._outcomes)
         ]
         return {"kinds": kinds, "outcomes": outcomes}
+
+
+def _role_of(group: str, name: str) -> str:
+    """Return what a robot is in the link that it has while in the state *name*; nothing if that tells of none."""
+    linked = LINKED.get(name) if group == STATE else None
+    return linked.role.value if linked and linked.role else ""
 
 
 def is_lost(outcome: str) -> bool:

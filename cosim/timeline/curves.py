@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from cosim.timeline.assembly import lost_codes
-from cosim.timeline.codes import EVENT, SLAVE, STATE, Codes
+from cosim.timeline.codes import EVENT, STATE, Codes
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.queues import NO_QUEUES, Queue, Queues
 from cosim.units import S, Time
@@ -87,8 +87,7 @@ def curves(drawn: Drawn) -> list[Curve]:
     """Return the curves that there are."""
     there = {lane.named.what for lane in drawn.lanes}
     found = [each for what, each in _OF_LANES if what in there]
-    links = drawn.codes.code_of(STATE, SLAVE) is not None
-    found += [_POLLS] if links and "sent" in there else []
+    found += [_POLLS] if drawn.codes.slaves and "sent" in there else []
     found += [curve for curve, _ in _OF_QUEUES] if drawn.queues else []
     kinds = drawn.codes.kinds
     found += [_of_state(name) for group, name in kinds if group == STATE]
@@ -106,8 +105,8 @@ _POLLS: Final = Curve(
     "poll_gap",
     "poll gap",
     "ms",
-    "from one packet of a master to its slave to the next; of a robot, where it is the slave. Polls of idle slaves are "
-    "only known if the scenario has idle_frames",
+    "from one packet of a master (or central) to its slave (or peripheral) to the next; of a robot, where it is the "
+    "slave. Polls of idle slaves are only known if the scenario has idle_frames",
 )
 _LENGTH: Final = Curve(
     "queue_length",
@@ -243,12 +242,12 @@ _MAKERS: Final[dict[str, Callable[[Sequence[Lane], Parts, Codes, int | None], Va
 
 def _gaps(drawn: Drawn, lanes: Sequence[Lane], parts: Parts) -> Values:
     """Return the gaps between packets from masters to the robots of *lanes*, their slaves, by where they end."""
-    slave = drawn.codes.code_of(STATE, SLAVE)
+    slaves = drawn.codes.slaves
     sent = {lane.named[:2]: lane for lane in _of(drawn.lanes, "sent")}
     ends, lengths = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for lane in _of(lanes, "states"):
         links = lane.within(parts.start, parts.end)
-        links = links.taken(links.kinds == slave)
+        links = links.taken(np.isin(links.kinds, slaves))
         for begin, end, master in zip(links.starts.tolist(), links.ends.tolist(), links.peers.tolist(), strict=True):
             of_master = sent.get((master, lane.named.radio))
             if of_master is not None:

@@ -10,8 +10,8 @@ from cosim.trace import FRAMES, MESSAGES, RECEPTIONS, TRANSMISSIONS
 from cosim.units import Time
 
 Row: TypeAlias = dict[str, Any]
-Decode: TypeAlias = Callable[[bytes, bool], Any]
-"""(payload, whether it is a router's packet) -> what it says, as plain data."""
+Decode: TypeAlias = Callable[[bytes, Row | None], Any]
+"""(body, the row of the transmission that carries it; None: it is a payload) -> what it says, as plain data."""
 MOST_RECEPTIONS: Final = 200
 """Maximum number of receptions that are told of."""
 BYTES_IN: Final = {TRANSMISSIONS.name: "body", MESSAGES.name: "payload"}
@@ -47,7 +47,7 @@ def detail(tables: Tables, lane: Lane, number: int, decode: Decode | None = None
         about["receptions"] = _receptions(tables, row, rows)[:MOST_RECEPTIONS]
     carried = row.get(BYTES_IN.get(table, ""), "") if sent is None else sent[BYTES_IN[TRANSMISSIONS.name]]
     about["bytes"] = carried or ""
-    about["decoded"] = _decoded(decode, about["bytes"], sent is not None and bool(sent["routed"]))
+    about["decoded"] = _decoded(decode, about["bytes"], sent)
     return about
 
 
@@ -77,12 +77,12 @@ def _receptions(tables: Tables, row: Row, sent: Sequence[Row]) -> list[Row]:
     ]  # fmt: skip
 
 
-def _decoded(decode: Decode | None, carried: str, routed: bool) -> Any:
+def _decoded(decode: Decode | None, carried: str, sent: Row | None) -> Any:
     """Return what the bytes say, or why nobody can tell; None if the protocol does not say how to decode them."""
     if decode is None or not carried:
         return None
     try:
-        said = decode(bytes.fromhex(carried), routed)
+        said = decode(bytes.fromhex(carried), sent)
         json.dumps(said)
     except Exception as error:  # noqa: BLE001  # an installed protocol's code, for one field of a page, which shows it
         return f"cannot be decoded: {type(error).__name__}: {error}"

@@ -6,7 +6,7 @@ stations sense follows from frames that are over.
 """
 
 from array import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ import numpy as np
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.base import Flying
 from cosim.errors import UserError
-from cosim.intervals import Interval
+from cosim.intervals import Interval, master_of, partner
 from cosim.present import Present
 from cosim.timeline.assembly import OF_SENDERS, TABLE_OF, lost_codes
 from cosim.timeline.codes import CHANNEL, FRAME, PICONET, STATE, Codes
@@ -24,7 +24,7 @@ from cosim.timeline.detail import Row
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane, no_boxes
 from cosim.timeline.levels import levels_of
 from cosim.timeline.queues import Queues
-from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name, master_of, partner
+from cosim.timeline.rows import RADIO, SOURCES, Maker, all_of, columns_of, distinct, lane_name
 from cosim.timeline.sensing import SENSED_FROM, Sensing
 from cosim.trace import FRAMES, INTERVALS, METRICS, PAYLOADS, TRANSMISSIONS, Field, Table
 from cosim.units import S, Time
@@ -176,9 +176,16 @@ class Growing:
     """The lanes of a run that is under way, and the latest rows of its tables."""
 
     def __init__(
-        self, tables: Iterable[Table], most: int = MOST_ROWS, radios: Mapping[int, AdhocSettings] = _NO_RADIOS
+        self,
+        tables: Iterable[Table],
+        most: int = MOST_ROWS,
+        radios: Mapping[int, AdhocSettings] = _NO_RADIOS,
+        low_energy: Collection[int] = (),
     ) -> None:
-        """Keep at most so many rows; *radios*: the settings of the 802.11 radios, by number."""
+        """Keep at most so many rows.
+
+        *radios*: the settings of the 802.11 radios, by number; *low_energy*: the numbers of those of Low Energy.
+        """
         self.lanes: list[GrowingLane] = []
         self.codes = Codes()
         self.now: Time = 0
@@ -187,7 +194,7 @@ class Growing:
         self._tables = {table.name: Columns(table) for table in tables}
         self._several = any(RADIO in table.names for name, table in self._tables.items() if name != INTERVALS.name)
         self._most = most
-        self._maker = Maker(self.codes, late=True)
+        self._maker = Maker(self.codes, late=True, low_energy=low_energy)
         self._numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
         self._open: list[Interval] = []
         self._flying: list[Flying] = []

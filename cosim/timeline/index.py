@@ -22,6 +22,7 @@ from cosim.timeline.codes import Codes, Named
 from cosim.timeline.detail import Row
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane
 from cosim.timeline.levels import ENTRY_DTYPES, Entries, Levels, levels_of
+from cosim.timeline.radios import LOW_ENERGY, channel_of, parts_of
 from cosim.timeline.rows import SOURCES, names_of
 from cosim.timeline.sensing import SENSED_FROM, columns_of, radios_of, sensed
 from cosim.trace import TRANSMISSIONS, TableFile
@@ -31,7 +32,7 @@ FOLDER: Final = "timeline"
 FILE: Final = "index.json"
 _HEADER_BYTES: Final = 128
 """Length of a .npy file without content, which cannot be mapped."""
-FORMAT: Final = 3
+FORMAT: Final = 4
 """Changes whenever what is written would be misread."""
 Told = Callable[[int, int], None]
 """(what is done, all there is to do): what shows progress."""
@@ -93,7 +94,8 @@ def made(folder: Path, told: Told = lambda done, total: None) -> Index:
     files = {table: TableFile(folder / f"{table}.parquet") for table in stamp_of(folder)}
     rows = sum(map(len, files.values()))
     total, done = 2 * rows, 0  # to read them, and to sum up their boxes
-    assembly = Assembly()
+    metadata = next((file.metadata for file in files.values()), {})
+    assembly = Assembly(parts_of(channel_of(metadata), LOW_ENERGY))
     for table in SOURCES:
         if table in files:
             first = 0

@@ -1,22 +1,22 @@
 """The boxes that rows of tables make, and the lanes that they belong to."""
 
-import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cosim.intervals import HOST
+from cosim.intervals import HOST, LINKED, MEMBER, master_of, partner
 from cosim.timeline.codes import CHANNEL, CUT, EVENT, FRAME, MESSAGE, PICONET, STATE, WAKE, Codes, Named
 from cosim.timeline.lanes import Array, Boxes
+from cosim.timeline.sections import of_bluetooth, of_low_energy
 from cosim.trace import FRAMES, INTERVALS, MESSAGES, TRANSMISSIONS, WAKES, Trace
 from cosim.units import Time
 
 EVENTS: Final = "events"
 SOURCES: Final[dict[str, tuple[str, ...]]] = {
     TRANSMISSIONS.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "whole"),
-    FRAMES.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "outcome", "part"),
+    FRAMES.name: ("time_ns", "source", "destination", "duration_ns", "kind", "channel", "length", "outcome", "part"),
     INTERVALS.name: ("start_ns", "robot", "end_ns", "radio", "state", "detail"),
     MESSAGES.name: ("time_ns", "source", "sender"),
     WAKES.name: ("time_ns", "source"),
@@ -24,16 +24,12 @@ SOURCES: Final[dict[str, tuple[str, ...]]] = {
 }
 """Tables whose rows are boxes, in the order in which they are to be read, with the columns that tell which."""
 RADIO: Final = "radio"
-LINKED: Final = ("master", "slave")
-"""States of a link in a piconet, whose boxes have the robot at its other end as their peer."""
-MEMBER: Final = ("slave", "hold", "sniff", "park", "away", "part_time")
-"""States of a member of a piconet whose detail names its master, for the lanes of piconets."""
-_PARTNER: Final = re.compile(r"\b(?:master|slave)=([0-9]+)")
-_MASTER: Final = re.compile(r"\bmaster=([0-9]+)")
 MOST_STACKED: Final = 16
 """Lanes of overlapping boxes of one kind; the last one takes all that have no place in the others."""
 
 
+_WORDED: Final = ("outcome", "part", "kind")
+"""Columns of frames that are words."""
 _TOGETHER: Final = 8
 """Frames of one lane that begin at one instant, at most: those beyond show no loss."""
 
@@ -146,11 +142,12 @@ _LOSSES: Final = (np.int64, np.int64, np.int64, np.int64, np.uint16, np.uint8)
 class Maker:
     """Makes boxes of rows: a table's columns are arrays of numbers, and (codes, words by code) for text."""
 
-    def __init__(self, codes: Codes, late: bool = False) -> None:
-        """*late*: rows of a radio's transmissions may come after those of its frames."""
+    def __init__(self, codes: Codes, late: bool = False, low_energy: Collection[int] = ()) -> None:
+        """*late*: rows of a radio's transmissions may come after those of its frames; *low_energy*: radios of it."""
         self.codes = codes
         self.stacks = Stacks()
         self._late = late
+        self._low_energy = sorted(low_energy)
         self.sending: set[int] = set()
         """Radios of whose transmissions there are rows."""
         self.losses: list[Losses] = []
@@ -192,13 +189,22 @@ class Maker:
     def _outcomes(self, columns: Mapping[str, Any]) -> Array:
         """Return the codes of the outcomes of rows of frames, and of the parts that failed."""
         (outcomes, words), (parts, part_words) = columns["outcome"], columns["part"]
-        pairs = outcomes.astype(np.int64) * max(1, len(part_words)) + parts
+        own = np.isin(_radios(columns), self._low_energy) & _lut([part != "" for part in part_words], bool)[parts]
         table = np.zeros(max(1, len(words) * max(1, len(part_words))), dtype=np.uint8)
-        for pair in np.unique(pairs).tolist():
+        pairs = outcomes.astype(np.int64) * max(1, len(part_words)) + parts
+        for pair in np.unique(pairs[~own]).tolist():
             word, part = divmod(pair, len(part_words))
-            table[pair] = self.codes.outcome(words[word], part_words[part])
+            table[pair] = self.codes.outcome(words[word], part_words[part], of_bluetooth(part_words[part]))
         codes: Array = table[pairs]
+        for row in np.flatnonzero(own).tolist():
+            codes[row] = self._lost_of_low_energy(columns, row)
         return codes
+
+    def _lost_of_low_energy(self, columns: Mapping[str, Any], row: int) -> int:
+        """Return the code of the outcome of a *row* of a frame of Low Energy of which a part was lost."""
+        outcome, part, kind = (words[codes[row]] for codes, words in (columns[name] for name in _WORDED))
+        section = of_low_energy(part, kind, int(columns["duration_ns"][row]), int(columns["length"][row]))
+        return self.codes.outcome(outcome, part, section)
 
     def _frame_boxes(self, columns: Mapping[str, Any], outcomes: Array, first: int) -> Boxes:
         starts = columns["time_ns"]
@@ -225,7 +231,7 @@ class Maker:
             kinds,
             _zeros(starts),
             rows,
-            peers_of(_robots_in(columns["state"], columns["detail"], LINKED, _PARTNER)),
+            peers_of(_robots_in(columns["state"], columns["detail"], LINKED, partner)),
         )
         made = Made("states", robots, radios, np.array(stacked, dtype=np.int64), boxes)
         return [made, _in_piconets(columns, boxes)]
@@ -264,16 +270,11 @@ def _on_channels(columns: Mapping[str, Any], radios: Array, boxes: Boxes, mask: 
 
 def _in_piconets(columns: Mapping[str, Any], boxes: Boxes) -> Made:
     """Return the boxes of members of piconets, by master and member."""
-    masters = _robots_in(columns["state"], columns["detail"], MEMBER, _MASTER)
+    masters = _robots_in(columns["state"], columns["detail"], MEMBER, master_of)
     there = np.flatnonzero(masters >= 0)
     members = columns["robot"][there]
     found = boxes.taken(there)._replace(peers=peers_of(members))
     return Made(PICONET, masters[there], columns["radio"][there], members, found)
-
-
-def master_of(state: str, detail: str) -> int:
-    """Return the master of the piconet to whose member an interval in that *state* belongs; -1 if it is none."""
-    return _robot_in(detail, _MASTER) if state in MEMBER else -1
 
 
 def _lut(codes: Sequence[int], dtype: Any) -> Array:
@@ -285,29 +286,22 @@ def peers_of(robots: Array) -> Array:
     return np.clip(robots, -2, np.iinfo(np.int16).max).astype(np.int16)
 
 
-def partner(state: str, detail: str) -> int:
-    """Return the robot at the other end of a piconet's link, which is in that *state*; -1 for other states."""
-    return _robot_in(detail, _PARTNER) if state in LINKED else -1
-
-
-def _robot_in(detail: str, pattern: re.Pattern[str]) -> int:
-    found = pattern.search(detail)
-    return int(found[1]) if found else -1
-
-
 def _robots_in(
     states: tuple[Array, Sequence[str]],
     details: tuple[Array, Sequence[str]],
-    wanted: Sequence[str],
-    pattern: re.Pattern[str],
+    wanted: Mapping[str, Any],
+    named: Callable[[str, str], int],
 ) -> Array:
-    """Return the robot that *pattern* finds in the detail of each interval in one of the *wanted* states; -1 else."""
+    """Return the robot that is *named* by state and detail of each interval in one of the *wanted* states; -1 else."""
     (state_codes, state_words), (codes, words) = states, details
-    there = _lut([word in wanted for word in state_words], bool)[state_codes]
-    robots = np.full(max(1, len(words)), -1)
-    for code in np.unique(codes[there]).tolist():  # each text once, of many rows
-        robots[code] = _robot_in(words[code], pattern)
-    return np.where(there, robots[codes], -1)
+    robots = np.full(len(codes), -1)
+    for state, word in enumerate(state_words):
+        if word not in wanted:
+            continue
+        there = np.flatnonzero(state_codes == state)
+        texts, which = np.unique(codes[there], return_inverse=True)  # each text once, of many rows
+        robots[there] = np.array([named(word, words[text]) for text in texts.tolist()], dtype=np.int64)[which]
+    return robots
 
 
 def _nobody(column: Array) -> Array:

@@ -4,7 +4,6 @@ Both follow from transmissions and receptions (``cosim.channels.adhoc.carrier``)
 way. A box belongs to the row of the transmission that it begins with, and its peer is who sent that.
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
@@ -18,6 +17,7 @@ from cosim.machine import BROADCAST, Address
 from cosim.timeline.assembly import lane_of
 from cosim.timeline.codes import BUSY, NAV, STATE, Codes, Named
 from cosim.timeline.lanes import DTYPES, Array, Boxes, Lane
+from cosim.timeline.radios import ADHOC, channel_of, parts_of
 from cosim.timeline.rows import RADIO, peers_of
 from cosim.trace import RECEPTIONS, TRANSMISSIONS, TableFile
 from cosim.units import S, Time
@@ -64,19 +64,14 @@ def sensed(
 def adhoc_radios(channel: Any) -> dict[int, AdhocSettings]:
     """Return the settings of the 802.11 radios of a scenario's *channel*, by number; none if it is unknown."""
     try:
-        parts = channel["radios"] if channel["kind"] == "radios" else [channel]
-        adhoc = {radio: part for radio, part in enumerate(parts) if part["kind"] == "adhoc"}
-        return {radio: AdhocSettings.model_validate(part) for radio, part in adhoc.items()}
-    except (KeyError, TypeError, ValueError):
+        return {radio: AdhocSettings.model_validate(part) for radio, part in parts_of(channel, ADHOC).items()}
+    except ValueError:
         return {}
 
 
 def radios_of(metadata: Mapping[str, str]) -> dict[int, AdhocSettings]:
     """Return the settings of the 802.11 radios of a run, by number, as the *metadata* of its tables tells them."""
-    try:
-        return adhoc_radios(json.loads(metadata["scenario"])["channel"])
-    except (KeyError, TypeError, ValueError):
-        return {}
+    return adhoc_radios(channel_of(metadata))
 
 
 def columns_of(file: TableFile, name: str) -> Columns:

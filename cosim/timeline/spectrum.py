@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.ranges import pairs_of
-from cosim.timeline.codes import CHANNEL, SLAVE, STATE, Codes
+from cosim.timeline.codes import CHANNEL, STATE, Codes
 from cosim.timeline.detail import Tables
 from cosim.timeline.lanes import Array, Lane
 from cosim.units import Time
@@ -69,12 +69,12 @@ def areas(
 
 def _masters(lanes: Sequence[Lane], codes: Codes, window: tuple[Time, Time], robot: int) -> set[int]:
     """Return the masters of the piconets to which *robot* belongs in the *window*, itself included."""
-    slave = codes.code_of(STATE, SLAVE)
+    slaves = codes.slaves
     found = {robot}
     for lane in lanes:
         if lane.named.what == "states" and lane.named.robot == robot:
             boxes = lane.within(*window)
-            found.update(boxes.peers[boxes.kinds == slave].tolist())
+            found.update(boxes.peers[np.isin(boxes.kinds, slaves)].tolist())
     return found
 
 

@@ -9,15 +9,13 @@ from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from cosim.intervals import Interval
-from cosim.machine import Role
-from cosim.trace import StoredTable, TableFile, link_told
+from cosim.intervals import LINKED, Interval, link_of
+from cosim.trace import INTERVALS, StoredTable, TableFile, link_told
 from cosim.units import Time, to_seconds
 from cosim.web.rows import Row
 from cosim.web.spans import FiledSpans, Spans
 
-LINKED: Final = {Role.MASTER.value: Role.SLAVE.value, Role.SLAVE.value: Role.MASTER.value, Role.PEER.value: "peer"}
-"""The states of a robot that has a link, each with what the other end is in them."""
+_NO_LINK: Final = ("", -1)
 _ROWS: Final = 4096
 """Number of rows that are kept in memory,"""
 _GROUPS: Final = 8
@@ -31,7 +29,8 @@ class Activity(Protocol):
     def at(self, time: Time) -> tuple[Hashable, Callable[[], list[Row]]]:
         """Return what differs if other intervals do that *time* is in, and a function that returns these.
 
-        They are rows of state, robot, radio, start in s, and detail.
+        They are rows of state, robot, radio, start in s, detail, and of links what the robot is in it, and which robot
+        is at the other end; nothing and -1 of others.
         """
 
 
@@ -50,7 +49,7 @@ class StoredActivity:
         """The states that robots are ever in."""
         self._spans = FiledSpans(() if intervals is None else intervals.ends, self._spans_of)
         self._until_end = self._spans.last >= end
-        known = bool(self.states & {"link", *LINKED})
+        known = bool(self.states & LINKED.keys())
         self._news = [] if known or links is None else sorted(linked(links), key=lambda each: each.start)
         starts, ends = ([each[at] for each in self._news] for at in (0, 2))
         self._news_spans = Spans(np.array(starts, dtype=np.int64), np.array(ends, dtype=np.int64))
@@ -75,7 +74,7 @@ class StoredActivity:
     def _read_row(self, number: int) -> Row:
         assert self._table is not None
         row = self._table.row(number)
-        return [row["state"], row["robot"], row["radio"], to_seconds(row["start_ns"]), row["detail"]]
+        return row_of(Interval(*(row[field.name] for field in INTERVALS.fields)))
 
 
 class PresentActivity:
@@ -123,7 +122,9 @@ class Links:
             return None
         ended = self._open.pop(end, None)
         if news.event in _CONNECTED and role in LINKED:
-            self._open[end] = Interval(news.time, news.robot, news.time, radio, role, f"{LINKED[role]}={news.peer}")
+            self._open[end] = Interval(
+                news.time, news.robot, news.time, radio, role, f"{LINKED[role].other}={news.peer}"
+            )
         return None if ended is None else ended._replace(end=news.time)
 
     def under_way(self) -> list[Interval]:
@@ -143,4 +144,5 @@ def linked(table: StoredTable) -> list[Interval]:
 
 def row_of(interval: Interval) -> Row:
     """Return *interval* as a page gets it."""
-    return [interval.state, interval.robot, interval.radio, to_seconds(interval.start), interval.detail]
+    _, robot, _, radio, state, detail = interval
+    return [state, robot, radio, to_seconds(interval.start), detail, *(link_of(state, detail) or _NO_LINK)]

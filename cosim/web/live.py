@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.arrays import Floats
 from cosim.caches import begin, cache_folder, kernels_digest
-from cosim.decoding import decoded
+from cosim.decoding import frame_said
 from cosim.errors import UserError
 from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
@@ -208,7 +208,7 @@ class Live:
         """The last tick, where all robots were (n, 3), and how the frames of their odometry were turned (n,)."""
         self._answers = Rolling(_ANSWERS)
         drawn = [table for table in self._simulation.trace.tables.values() if table not in BELIEFS]
-        self._timeline = Grown(drawn, partial(decoded, scenario), dump(scenario)["channel"])
+        self._timeline = Grown(drawn, partial(frame_said, scenario), dump(scenario)["channel"])
         self._ending: Plain | None = None
         self._failure = ""
         self._simulation.begin()

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cosim.arrays import Int64s
-from cosim.decoding import decoded
+from cosim.decoding import frame_said
 from cosim.documents import is_file
 from cosim.errors import CosimError, UserError
 from cosim.scenario import Scenario, protocol_names
@@ -173,7 +173,7 @@ def _decoding(metadata: Mapping[str, str]) -> Decode | None:
         given = json.loads(metadata["scenario"])
         if given["protocol"]["use"] not in protocol_names():
             return None
-        return partial(decoded, Scenario.model_validate(given))
+        return partial(frame_said, Scenario.model_validate(given))
     except (CosimError, KeyError, TypeError, ValueError, OSError):  # of another version, or with maps that are not here
         return None
 

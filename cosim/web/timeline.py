@@ -41,6 +41,7 @@ from cosim.timeline.index import Files, Index
 from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.levels import Cells
 from cosim.timeline.queues import NO_QUEUES, Queues
+from cosim.timeline.radios import LOW_ENERGY, parts_of
 from cosim.timeline.region import region
 from cosim.timeline.search import Place, Wanted, find
 from cosim.timeline.sensing import adhoc_radios
@@ -316,7 +317,7 @@ class Grown:
 
     def __init__(self, tables: Iterable[Table], decode: Decode | None = None, channel: Any = None) -> None:
         """*channel*: that of the scenario, as plain data."""
-        self._growing = Growing(tables, radios=adhoc_radios(channel))
+        self._growing = Growing(tables, radios=adhoc_radios(channel), low_energy=parts_of(channel, LOW_ENERGY))
         self._decode = decode
         self._lock = Lock()
 

@@ -46,7 +46,7 @@ def boxes(index: Index) -> list[Box]:
     for lane in index.lanes:
         if lane.named.what == "sent":
             for start, _, kind, outcome, _, peer in zip(*(column.tolist() for column in lane.boxes), strict=True):
-                name, part = index.codes.outcomes[outcome]
+                name, part, *_ = index.codes.outcomes[outcome]
                 lost = "" if name in ("", "received") else part or "whole"
                 found.append(Box(start, lane.named.robot, index.codes.kinds[kind][1], peer, lost))
     return found

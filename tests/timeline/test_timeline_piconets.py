@@ -4,7 +4,7 @@ from pathlib import Path
 
 from cosim.channels.bluetooth.links import Memberships, Presence
 from cosim.channels.clock import NativeClock
-from cosim.intervals import Interval, Intervals
+from cosim.intervals import LINKED, MEMBER, STATES, Interval, Intervals, link_of
 from cosim.present import Present
 from cosim.timeline.growing import Growing
 from cosim.timeline.index import opened
@@ -28,6 +28,20 @@ def made() -> tuple[Trace, list[Interval]]:
     intervals.add(MASTER, 5, 9, "inquiry", "train=A")
     for device in (MASTER, 3):
         links.end(device, 3, 5000)
+    return trace, intervals.under_way(7000)
+
+
+def made_of_low_energy() -> tuple[Trace, list[Interval]]:
+    """Return the same of a central with two peripherals, by what devices of Low Energy write."""
+    trace = Trace([INTERVALS])
+    intervals = Intervals(trace)
+    intervals.begin(MASTER, "initiating", 5, "peer=3")
+    intervals.end(MASTER, "initiating", 9, "peer=3")
+    for peripheral in SLAVES:
+        intervals.begin(MASTER, "central", 100 * peripheral, f"peer={peripheral}")
+        intervals.begin(peripheral, "peripheral", 100 * peripheral, f"peer={MASTER}")
+    intervals.end(MASTER, "central", 5000, "peer=3")
+    intervals.end(3, "peripheral", 5500, f"peer={MASTER}")
     return trace, intervals.under_way(7000)
 
 
@@ -68,6 +82,51 @@ def test_a_recorded_link_has_the_other_robot_as_its_peer(tmp_path: Path) -> None
         assert members(index.lanes, index.codes.kinds) == MEMBERS_OVER
     last = index.lanes[-1].named  # below the robots
     assert (last.what, last.name) == ("piconet", "piconet of robot 12: robot 15")
+
+
+LE_OVER = {(MASTER, "central", 300, 3), (3, "peripheral", 300, MASTER), (MASTER, "initiating", 5, -1)}
+LE_UNDER_WAY = {(MASTER, "central", 1500, 15), (15, "peripheral", 1500, MASTER)}
+LE_MEMBERS_OVER = {(MASTER, 3, "peripheral", 300, 5500)}
+LE_MEMBERS_UNDER_WAY = {(MASTER, 15, "peripheral", 1500, 7000)}
+
+
+def test_a_link_of_low_energy_has_peers_and_a_strip_too(tmp_path: Path) -> None:
+    trace, under_way = made_of_low_energy()
+    trace.write(tmp_path)
+    for _ in range(2):  # made, then mapped
+        index = opened(tmp_path)
+        assert peers(index.lanes, index.codes.kinds) == LE_OVER
+        assert members(index.lanes, index.codes.kinds) == LE_MEMBERS_OVER
+    growing = Growing([INTERVALS])
+    rows = list(zip(*trace.columns(INTERVALS.name).values(), strict=True))
+    growing.take({INTERVALS.name: rows}, Present(7000, under_way))
+    assert peers(growing.lanes, growing.codes.kinds) == LE_OVER | LE_UNDER_WAY
+    assert members(growing.lanes, growing.codes.kinds) == LE_MEMBERS_OVER | LE_MEMBERS_UNDER_WAY
+
+
+def test_pages_are_told_what_a_robot_is_in_its_link_whatever_its_state_is_called(tmp_path: Path) -> None:
+    for name, (trace, _) in {"classic": made(), "low_energy": made_of_low_energy()}.items():
+        trace.write(tmp_path / name)
+        told = {each["name"]: each["role"] for each in opened(tmp_path / name).codes.plain["kinds"]}
+        roles = {"master": "master", "central": "master", "slave": "slave", "peripheral": "slave"}
+        assert told == {state: roles.get(state, "") for state in told}
+        assert {"master", "slave"} <= set(told.values())
+
+
+def test_each_state_of_a_link_is_one_of_the_table_and_names_the_other_end_as_its_meaning_says() -> None:
+    for state, linked in LINKED.items():
+        if state != "peer":  # which no radio writes
+            assert linked.other in STATES[state]
+    assert MEMBER.keys() < STATES.keys()
+
+
+def test_what_is_said_in_a_detail_is_a_word_of_it() -> None:
+    assert link_of("slave", "master=7 lt_addr=1") == ("slave", 7)
+    assert link_of("link", "peer=2 role=peer") == ("peer", 2)
+    assert link_of("peripheral", "peer=0") == ("slave", 0)
+    assert link_of("master", "slave=many") == ("master", -1)
+    assert link_of("initiating", "peer=3") is None
+    assert link_of("central", "no_peer=3") == ("master", -1)
 
 
 def test_what_lasts_while_a_device_is_a_member_is_told_whenever_it_is_one() -> None:

@@ -474,7 +474,7 @@ COMMON = """async (links) => {
     answer.blocks.set(row, { starts: [from_ns], durations: [to_ns - from_ns], rows: [row], codes: [0], outcomes: [0] });
     return [{ lane: { lane: row, what: "piconet", robot: master, stacked: member } }, answer, 0, 0, 10 * row, 0, 8];
   });
-  const kinds = { name: () => "slave", paint: { ink: "black" } };
+  const kinds = { name: () => "slave", role: () => "slave", paint: { ink: "black" } };
   const axis = { place: (time_ns) => time_ns, ns_per_px: 1 };
   paint_common({ fillRect: (...box) => filled.push(box) }, kinds, axis, drawn);
   return filled;

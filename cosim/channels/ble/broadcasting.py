@@ -60,6 +60,12 @@ def pieces(payload: bytes) -> list[bytes]:
     return [bytes([len(_STRUCTURE) + len(part)]) + _STRUCTURE + part for part in parts]
 
 
+def piece_of(data: bytes) -> bytes | None:
+    """Return the part of a payload in the *data* of a PDU; None if they are not what ``pieces`` makes."""
+    size, begin = len(data), data[1:_OVERHEAD]
+    return data[_OVERHEAD:] if size and data[0] == size - 1 and begin == _STRUCTURE else None
+
+
 class _Step(NamedTuple):
     """A packet of an event, *after* its beginning."""
 

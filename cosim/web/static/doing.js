@@ -1,15 +1,19 @@
 // What robots and their radios are doing: the intervals that the present time is in, as links, routes, faults.
 
-const STATES_OF_LINKS = new Set(["master", "slave", "peer", "link"]);
 const MODES = new Set(["hold", "sniff", "park"]);
-const UNSAID = new Set([...STATES_OF_LINKS, ...MODES, "route", "killed"]); // the floor shows these otherwise
+const UNSAID = new Set([...MODES, "route", "killed"]); // the floor shows these otherwise, and links
+const INQUIRING = new Set(["inquiry", "scanning"]); // for whoever is there
+const PAGING = new Set(["page", "initiating"]); // for one robot
 
 /** The intervals of a message, by what they mean. */
 export class Doing {
-  /** @param {[string, number, number, number, string][]} rows of state, robot, radio, since when, detail */
+  /**
+   * @param {[string, number, number, number, string, string, number][]} rows of state, robot, radio, since when, detail,
+   *   and of links the robot's role and the robot at the other end, whatever the channel calls the state
+   */
   constructor(rows = []) {
-    this.intervals = rows.map(([state, robot, radio, since_s, detail]) =>
-      ({ state, robot, radio, since_s, detail, words: words_of(detail) }));
+    this.intervals = rows.map(([state, robot, radio, since_s, detail, role = "", other = -1]) =>
+      ({ state, robot, radio, since_s, detail, role, other, words: words_of(detail) }));
     this.links = links_of(this.intervals);
   }
 
@@ -18,9 +22,15 @@ export class Doing {
     return this.intervals.filter(({ state }) => states.includes(state));
   }
 
+  /** Who looks for others: {state, robot, words, inquires}; *inquires*: for whoever is there, else for one robot. */
+  get searches() {
+    const found = this.intervals.filter(({ state }) => INQUIRING.has(state) || PAGING.has(state));
+    return found.map(({ state, robot, words }) => ({ state, robot, words, inquires: INQUIRING.has(state) }));
+  }
+
   /** What a robot is doing besides having links, in words. */
   of(robot) {
-    const states = this.intervals.filter((each) => each.robot === robot && !UNSAID.has(each.state));
+    const states = this.intervals.filter((each) => each.robot === robot && !each.role && !UNSAID.has(each.state));
     return [...new Set(states.map(({ state }) => state.replaceAll("_", " ")))];
   }
 
@@ -54,11 +64,9 @@ export class Doing {
  */
 function links_of(intervals) {
   const links = new Map();
-  for (const { state, robot, radio, words } of intervals) {
-    if (!STATES_OF_LINKS.has(state)) continue;
-    const peer = Number(words.slave ?? words.master ?? words.peer);
-    const role = state === "link" ? words.role : state;
-    const [master, slave] = role === "slave" || (role === "peer" && peer < robot) ? [peer, robot] : [robot, peer];
+  for (const { robot, radio, role, other, words } of intervals) {
+    if (!role) continue;
+    const [master, slave] = role === "slave" || (role === "peer" && other < robot) ? [other, robot] : [robot, other];
     const key = `${radio} ${master} ${slave}`;
     const known = links.get(key) ?? { master, slave, radio, lt_addr: "", mode: "", ends: 0 };
     links.set(key, { ...known, lt_addr: words.lt_addr ?? known.lt_addr, ends: known.ends + 1 });

@@ -155,18 +155,18 @@ function arrow(pen, floor, from, to) {
   pen.fill();
 }
 
-/** Paint who inquires, as a ring, and who pages whom, as a dotted line. */
+/** Paint who inquires or scans, as a ring, and who pages or initiates whom, as a dotted line. */
 export function paint_searches(pen, floor) {
   const { now, doing } = floor.run;
   pen.font = "600 10px system-ui, sans-serif";
   pen.textAlign = "center";
-  for (const { state, robot, words } of doing.in("inquiry", "page")) {
+  for (const { state, robot, words, inquires } of doing.searches) {
     if (!now.robots[robot]) continue;
     const at = floor.place(now.robots[robot]);
-    const radius = radius_px(floor, robot) + (state === "inquiry" ? 16 : 12);
+    const radius = radius_px(floor, robot) + (inquires ? 16 : 12);
     pen.strokeStyle = floor.colours.accent;
     pen.lineWidth = 1.6;
-    pen.setLineDash(state === "inquiry" ? [7, 4] : [2, 4]);
+    pen.setLineDash(inquires ? [7, 4] : [2, 4]);
     pen.beginPath();
     pen.arc(...at, radius, 0, 2 * Math.PI);
     pen.stroke();

@@ -1,6 +1,6 @@
 // What lies behind the boxes: slots, the lines of the lanes, faults as bands, and the robot that is selected.
 
-import { DCF_SLOT_NS, SLOT_NS, TICK_NS } from "./axis.js";
+import { SLOT_NS, TICK_NS } from "./axis.js";
 import { hatched } from "./hatch.js";
 import { CHANNELS } from "./rows.js";
 
@@ -10,7 +10,7 @@ const BANDS = new Set(["crashed", "killed", "frozen", "jammer"]);
 
 /** Draw it with a pen whose composition puts later things behind earlier ones. */
 export function paint_ground(pen, kinds, seen, visible) {
-  const { axis, rows, top, height, origin_ns, lit, wifi } = seen;
+  const { axis, rows, top, height, origin_ns, lit, slot_ns } = seen;
   const { paint } = kinds;
   pen.fillStyle = paint.line;
   if (rows.by_channel) {
@@ -23,7 +23,7 @@ export function paint_ground(pen, kinds, seen, visible) {
     for (const row of visible) if (row.lane.what === "received") pen.fillRect(0, row.y - 0.5, axis.width_px, 1);
     paint_bands(pen, kinds, seen);
   }
-  paint_slots(pen, axis, paint.ink, wifi ? DCF_SLOT_NS : SLOT_NS, origin_ns, top, height);
+  paint_slots(pen, axis, paint.ink, slot_ns, origin_ns, top, height);
   pen.fillStyle = paint.raised;
   for (const group of rows.groups) {
     if (group.robot !== null && group.robot === lit) pen.fillRect(0, group.y - 2, axis.width_px, group.height + 4);

@@ -20,8 +20,6 @@ export const FRAME_LANES = new Set(["sent", "received", "broadcasts", "channel"]
 /** What those are of that hold receptions. */
 export const HEARD = new Set(["received", "broadcasts"]);
 const IDLE = new Set(["POLL", "NULL", "EMPTY"]);
-const ACCESS_CODE_NS = 72_000; // Bluetooth: 72 bits, then a header of 54, at 1 Mbit/s
-const HEADER_NS = 126_000;
 
 /** The kinds and outcomes that the server has named, with the colours of the page. */
 export class Kinds {
@@ -67,9 +65,14 @@ export class Kinds {
     return this.colours.get(code) ?? this.paint.quiet;
   }
 
+  /** What a robot is in the link that it has while in this state, by the server: master or slave, or nothing. */
+  role(code) {
+    return this.by_code.get(code)?.role ?? "";
+  }
+
   /** The colour of a state of a robot: a link of a piconet has that of its master. */
   state_colour(code, robot, peer) {
-    const master = { master: robot, slave: peer ?? -1 }[this.name(code)] ?? -1;
+    const master = { master: robot, slave: peer ?? -1 }[this.role(code)] ?? -1;
     return master >= 0 ? this.robots[master % ROBOTS] : this.colour(code);
   }
 
@@ -92,13 +95,10 @@ export class Kinds {
     return this.losses.has(name);
   }
 
-  /** The lost part of a frame of *duration_ns*: from when to when (ns since its start). */
-  lost_part(code, outcome, duration_ns) {
-    const { part = "" } = this.outcomes.get(outcome) ?? {};
-    if (part === "access_code") return [0, Math.min(ACCESS_CODE_NS, duration_ns)];
-    if (part === "header") return [Math.min(ACCESS_CODE_NS, duration_ns), Math.min(HEADER_NS, duration_ns)];
-    if (part === "payload") return [Math.min(HEADER_NS, duration_ns), duration_ns];
-    return [0, duration_ns];
+  /** The lost part of a frame of *duration_ns*: from when to when (ns since its start), as the server tells. */
+  lost_part(outcome, duration_ns) {
+    const [from_ns, to_ns] = this.outcomes.get(outcome)?.lost_ns ?? [0, null];
+    return [Math.min(from_ns, duration_ns), Math.min(to_ns ?? duration_ns, duration_ns)];
   }
 }
 

@@ -1,6 +1,6 @@
 // Two cursors, and the time between them.
 
-import { DCF_SLOT_NS, SLOT_NS, length, seconds } from "./axis.js";
+import { SLOT_NS, length, seconds } from "./axis.js";
 import { snapped } from "./boxes.js";
 
 const SNAP_PX = 5;
@@ -37,13 +37,12 @@ export class Measure {
 
   /** Put a cursor at a time; *snap*: at the edge of a box that is near. */
   put(number, ns, snap) {
-    const { wifi } = this.timeline;
+    const { slot_ns } = this.timeline;
     this.times[number] = snap ? this.snapped(ns) : Math.round(ns);
     const [one, two] = this.times;
     if (one !== null && two !== null) {
-      const slot_ns = wifi ? DCF_SLOT_NS : SLOT_NS;
-      const slots = `${Number(((two - one) / slot_ns).toFixed(4))} slots of ${length(slot_ns)}`;
-      this.timeline.say(`from cursor 1 to 2: ${seconds(two - one, 9)} s, ${slots}`);
+      const slots = slot_ns ? `, ${Number(((two - one) / slot_ns).toFixed(4))} slots of ${length(slot_ns)}` : "";
+      this.timeline.say(`from cursor 1 to 2: ${seconds(two - one, 9)} s${slots}`);
     } else this.timeline.say(`cursor ${number + 1} at ${seconds(this.times[number], 9)} s`);
     this.timeline.region.ask_soon();
     this.timeline.draw_over();

@@ -3,7 +3,7 @@
 import { paint_ground } from "./ground.js";
 import { hatched } from "./hatch.js";
 import { FRAME_LANES, HEARD } from "./kinds.js";
-import { paint_common, paint_member } from "./piconets.js";
+import { is_link, paint_common, paint_member } from "./piconets.js";
 
 const MOST_RECTANGLES = 4000; // more of them take longer than a frame of the screen
 const LETTER_PX = 6.4;
@@ -119,7 +119,7 @@ export class Painter {
       const [y, height] = this.extent(row, block, at);
       this.drawn.push([row, answer, at, x, y, width, height]);
       pen.fillStyle = state ? kinds.state_colour(code, row.lane.robot, block.peers?.[at]) : kinds.colour(code);
-      if (row.lane.what === "piconet") paint_member(pen, kinds, kinds.name(code), row.lane.stacked, [x, y, width, height]);
+      if (row.lane.what === "piconet") paint_member(pen, kinds, code, row.lane.stacked, [x, y, width, height]);
       else if (state) this.paint_state(pen, x, y, width, height);
       else pen.fillRect(x, y, width, height);
       if (kinds.lost(block.outcomes[at])) this.paint_loss(pen, axis, block, at, x, y, width, height);
@@ -149,7 +149,7 @@ export class Painter {
   /** Hatch the part of a frame that was lost, and cross it out. */
   paint_loss(pen, axis, block, at, x, y, width, height) {
     const { bad, paper } = this.kinds.paint;
-    const [from_ns, to_ns] = this.kinds.lost_part(block.codes[at], block.outcomes[at], block.durations[at]);
+    const [from_ns, to_ns] = this.kinds.lost_part(block.outcomes[at], block.durations[at]);
     const left = x + from_ns / axis.ns_per_px;
     const wide = Math.max(1.5, (to_ns - from_ns) / axis.ns_per_px);
     pen.fillStyle = bad;
@@ -173,7 +173,7 @@ export class Painter {
   paint_word(pen, row, block, at, [x, y, width, height], right, state) {
     const kind = this.kinds.name(block.codes[at]);
     const member = row.lane.what === "piconet" ? row.lane.stacked : null;
-    const absent = member !== null && kind !== "slave"; // and hatched, as what is lost
+    const absent = member !== null && !is_link(this.kinds, block.codes[at]); // and hatched, as what is lost
     const plain = kind.replaceAll("_", " ");
     const name = member === null ? plain : absent ? `${member} ${plain}` : `robot ${member}`;
     const peer = block.peers?.[at];

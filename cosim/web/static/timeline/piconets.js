@@ -3,16 +3,19 @@
 import { boxed } from "./boxes.js";
 import { hatched } from "./hatch.js";
 
-const LINKED = "slave";
 const PART_TIME = "part_time";
 const BRIDGE_PX = 2.5;
 const LEAST_PX = 1;
 
+/** Whether a box of a strip is a link, not an absence from it. */
+export const is_link = (kinds, code) => kinds.role(code) === "slave";
+
 /** Draw a membership in the colour of the member, and its absences over it. */
-export function paint_member(pen, kinds, name, member, [x, y, width, height]) {
+export function paint_member(pen, kinds, code, member, [x, y, width, height]) {
   const { paint, robots } = kinds;
   const colour = robots[member % robots.length];
-  if (name === LINKED) {
+  const name = kinds.name(code);
+  if (is_link(kinds, code)) {
     pen.fillStyle = colour;
     pen.globalAlpha = 0.45;
     pen.fillRect(x, y, width, height);
@@ -32,8 +35,8 @@ export function paint_member(pen, kinds, name, member, [x, y, width, height]) {
 export function paint_common(pen, kinds, axis, drawn) {
   const links = drawn.filter(([{ lane }]) => lane.what === "piconet").map(([{ lane }, answer, at, , y, , height]) => {
     const { start_ns, end_ns, code } = boxed(answer, lane, at);
-    return { start_ns, end_ns, y, height, master: lane.robot, member: lane.stacked, name: kinds.name(code) };
-  }).filter(({ name }) => name === LINKED);
+    return { start_ns, end_ns, y, height, master: lane.robot, member: lane.stacked, code };
+  }).filter(({ code }) => is_link(kinds, code));
   const of = new Map(links.flatMap(({ master, member }) => [[master, []], [member, []]]));  // links by their robots
   for (const link of links) {
     of.get(link.master).push(link);

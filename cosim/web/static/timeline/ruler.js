@@ -1,6 +1,6 @@
 // The ruler: seconds, milliseconds, microseconds, and slots where these can be told apart.
 
-import { DCF_SLOT_NS, SLOT_NS, seconds } from "./axis.js";
+import { seconds } from "./axis.js";
 
 const LEAST_TICK_PX = 84;
 const LEAST_SLOT_PX = 34;
@@ -23,13 +23,13 @@ export function tick_text(ns, step_ns) {
 }
 
 /** Draw the ruler on a pen in CSS pixels. */
-export function paint_ruler(pen, { axis, kinds, height, origin_ns, wifi }) {
+export function paint_ruler(pen, { axis, kinds, height, origin_ns, slot_ns }) {
   const { paint } = kinds;
   pen.clearRect(0, 0, axis.width_px, height);
   pen.font = "11px system-ui, sans-serif";
   pen.textBaseline = "middle";
   pen.textAlign = "left";
-  paint_slots(pen, axis, paint, height, origin_ns, wifi ? DCF_SLOT_NS : SLOT_NS);
+  paint_slots(pen, axis, paint, height, origin_ns, slot_ns);
   const step = tick_ns(axis.ns_per_px);
   let main = false;
   for (let ns = Math.ceil(axis.from_ns / step) * step; ns <= axis.to_ns; ns += step) {

@@ -1,7 +1,7 @@
 // The timeline below the floor: a lane for each robot and radio, on the same clock, from the whole run down to slots.
 
 import { read, write } from "../address.js";
-import { Axis, length, seconds } from "./axis.js";
+import { Axis, DCF_SLOT_NS, SLOT_NS, length, seconds } from "./axis.js";
 import { boxed } from "./boxes.js";
 import { Controls, commands } from "./commands.js";
 import { element } from "./dom.js";
@@ -157,6 +157,7 @@ export class Timeline {
     this.live = scene.live;
     this.least_ns = scene.beside ? Math.round(scene.duration_s * 1e9) : 0; // all runs beside each other have one axis
     this.begun = false;
+    this.told_slot_ns = scene.radios ? (scene.slot_ns ?? 0) : null; // 0: its radios have none; null: nobody knows
     this.windows.forget();
     this.finder.forget();
     this.measure.forget();
@@ -202,8 +203,7 @@ export class Timeline {
     this.rows.lanes = lanes;
     this.kinds.take(kinds, outcomes);
     this.root.hidden = lanes.length === 0;
-    const wifi = kinds.some(({ name }) => ["RTS", "CTS", "ACK", "DATA"].includes(name));
-    this.wifi = wifi && !kinds.some(({ name }) => ["POLL", "NULL", "ID"].includes(name));
+    this.slot_ns = this.told_slot_ns ?? slot_of(kinds);
     if (this.legend.childElementCount === 0 || this.kinds.fresh) this.show_legend();
     if (this.begun) this.axis.extend(Number(last_ns));
     else if (this.least_ns) this.axis.begin(0, Math.max(Number(last_ns), this.least_ns), false);
@@ -321,16 +321,16 @@ export class Timeline {
     const all = this.dirty.has("content");
     this.dirty.clear();
     if (this.root.hidden || !this.wish) return;
-    const { axis, rows, kinds, origin_ns, wifi, selected } = this;
+    const { axis, rows, kinds, origin_ns, slot_ns, selected } = this;
     this.focused = document.activeElement === this.overlay;
     if (all) {
       const layers = this.windows.layers(this.wish);
       this.blank += Number(!layers.some((each) => each.begin_ns <= axis.from_ns && each.end_ns >= Math.min(axis.to_ns, axis.last_ns)));
       const seen = { axis, rows, layers, spectrum: this.spectrum, top: this.scroll_px, height: this.stage_px };
-      this.painter.paint(this.pen(this.content), { ...seen, origin_ns, wifi, lit: selected });
+      this.painter.paint(this.pen(this.content), { ...seen, origin_ns, slot_ns, lit: selected });
     }
     const ruler = this.pen(this.ruler);
-    paint_ruler(ruler, { axis, kinds, height: RULER_PX, origin_ns, wifi });
+    paint_ruler(ruler, { axis, kinds, height: RULER_PX, origin_ns, slot_ns });
     paint_markers(ruler, this, RULER_PX);
     paint_flags(ruler, this, RULER_PX);
     this.plots.paint();
@@ -459,4 +459,10 @@ function key_list(groups) {
   rows.push(element("li", {}, element("kbd", {}, "Enter"), " Pin what the pointer is at, or go to what is pinned"));
   rows.push(element("li", {}, element("kbd", {}, "Escape"), " Unpin"));
   return element("ul", { className: "tl-keys" }, ...rows);
+}
+
+/** How long a slot is of a run whose scene does not tell, by the kinds of its frames. */
+function slot_of(kinds) {
+  const has = (...names) => kinds.some(({ name }) => names.includes(name));
+  return has("RTS", "CTS", "ACK", "DATA") && !has("POLL", "NULL", "ID") ? DCF_SLOT_NS : SLOT_NS;
 }
