@@ -14,8 +14,8 @@ from cosim.channels.ble.bits.l2cap import (
     fragments,
 )
 from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, LLData
-from cosim.channels.ble.channel_map import ALL_CHANNELS
 from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.channel_map import ALL_CHANNELS
 from cosim.channels.ble.connections.exchange import Reception, Side, exchange_time
 from cosim.channels.ble.connections.link import Link
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, T_IFS, Phy

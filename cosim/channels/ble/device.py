@@ -19,9 +19,9 @@ from cosim.channels.ble.bits.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
 from cosim.channels.ble.bits.l2cap import MOST_TIME, MOST_TIME_CODED
 from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, ConnectInd, LLData, encode_advertising
 from cosim.channels.ble.broadcasting import LONGEST_BROADCAST, AdvertisingSet
-from cosim.channels.ble.channel_map import ALL_CHANNELS
 from cosim.channels.ble.channels import ADVERTISING
 from cosim.channels.ble.connections.anchors import WINDOW_DELAYS
+from cosim.channels.ble.connections.channel_map import ALL_CHANNELS
 from cosim.channels.ble.connections.exchange import Reception, Side
 from cosim.channels.ble.connections.link import Link
 from cosim.channels.ble.connections.parameters import INTERVAL_UNIT

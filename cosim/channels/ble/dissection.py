@@ -23,8 +23,8 @@ from cosim.channels.ble.bits.control import (
     TerminateInd,
     decode_control,
 )
-from cosim.channels.ble.bits.l2cap import HEADER_OCTETS as L2CAP_OCTETS
 from cosim.channels.ble.bits.l2cap import ATTRIBUTES, Message, Reassembly
+from cosim.channels.ble.bits.l2cap import HEADER_OCTETS as L2CAP_OCTETS
 from cosim.channels.ble.bits.pdu import (
     AdvertisingPdu,
     AdvertisingType,

@@ -10,8 +10,8 @@ The subevents of an isochronous event go on from its channel's place, by d at le
 
 from typing import Final
 
-from cosim.channels.ble.channel_map import ChannelMap
 from cosim.channels.ble.channels import DATA_CHANNELS
+from cosim.channels.ble.connections.channel_map import ChannelMap
 
 HOP_INCREMENTS: Final = range(5, 17)
 """Values that hopIncrement may have."""

@@ -17,9 +17,9 @@ from cosim.channels.ble.bits.control import (
     encode_control,
 )
 from cosim.channels.ble.bits.pdu import LLData, Llid
-from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
 from cosim.channels.ble.connections.anchors import Anchors, Expectation
 from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.channel_map import ALL_CHANNELS, ChannelMap
 from cosim.channels.ble.connections.connection import event_at, instant_for
 from cosim.channels.ble.connections.exchange import Packet, Reception, Side
 from cosim.channels.ble.connections.link import Link, Loss, run_event

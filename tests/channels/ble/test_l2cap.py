@@ -18,8 +18,8 @@ from cosim.channels.ble.bits.control import (
 )
 from cosim.channels.ble.bits.l2cap import Message, Reassembly, fragments
 from cosim.channels.ble.bits.pdu import Llid
-from cosim.channels.ble.channel_map import ChannelMap
 from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.channel_map import ChannelMap
 from cosim.channels.ble.connections.parameters import ConnectionParameters, TransmitWindow
 from cosim.errors import WireError
 

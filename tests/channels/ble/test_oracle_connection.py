@@ -7,9 +7,9 @@ import pytest
 
 from cosim.channels.ble.bits import control
 from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
-from cosim.channels.ble.channel_map import ChannelMap
 from cosim.channels.ble.connections.anchors import Anchors
 from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.channel_map import ChannelMap
 from cosim.channels.ble.connections.exchange import Reception, Side
 from cosim.channels.ble.connections.link import Link, LinkEnd
 from cosim.channels.ble.connections.parameters import ConnectionParameters, TransmitWindow

@@ -28,7 +28,7 @@ from cosim.channels.ble.bits.pdu import (
     encode_data,
     encode_ll_data,
 )
-from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
+from cosim.channels.ble.connections.channel_map import ALL_CHANNELS, ChannelMap
 from cosim.errors import WireError
 from cosim.units import MS, US, S
 from tests.tiers import soak_count

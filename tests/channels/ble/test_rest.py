@@ -5,8 +5,8 @@ from itertools import product
 import pytest
 
 from cosim.channels.ble.bits.pdu import LLData, Llid
-from cosim.channels.ble.channel_map import ALL_CHANNELS
 from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.channel_map import ALL_CHANNELS
 from cosim.channels.ble.connections.exchange import Reception, Side
 from cosim.channels.ble.connections.link import Link, run_event
 from cosim.channels.clock import NativeClock

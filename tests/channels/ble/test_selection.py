@@ -6,8 +6,8 @@ from itertools import pairwise
 import pytest
 
 from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
-from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap, decode_channel_map
 from cosim.channels.ble.channels import DATA_CHANNELS
+from cosim.channels.ble.connections.channel_map import ALL_CHANNELS, ChannelMap, decode_channel_map
 from cosim.channels.ble.selection import (
     HOP_INCREMENTS,
     channel_1,

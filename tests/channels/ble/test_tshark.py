@@ -19,7 +19,7 @@ from cosim.channels.ble.bits.pdu import (
     SyncInfo,
     encode_advertising,
 )
-from cosim.channels.ble.channel_map import ALL_CHANNELS, ChannelMap
+from cosim.channels.ble.connections.channel_map import ALL_CHANNELS, ChannelMap
 from cosim.units import MS, US
 from tests.export.capture_reading import experts, find_tshark, read_fields
 

@@ -10,8 +10,8 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from cosim.channels.ble.bits.l2cap import LEAST_OCTETS, LEAST_TIME
 from cosim.channels.ble.bits.pdu import Llid
-from cosim.channels.ble.channel_map import MAP_OCTETS, ChannelMap, decode_channel_map
 from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.channel_map import MAP_OCTETS, ChannelMap, decode_channel_map
 from cosim.channels.ble.connections.parameters import INTERVAL_UNIT, TIMEOUT_UNIT, ConnectionParameters, TransmitWindow
 from cosim.errors import UserError, WireError
 from cosim.units import US, Time

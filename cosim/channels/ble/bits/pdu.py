@@ -13,8 +13,8 @@ from enum import IntEnum
 from struct import Struct
 from typing import Final, NamedTuple, TypeAlias
 
-from cosim.channels.ble.channel_map import ChannelMap, decode_channel_map
 from cosim.channels.ble.channels import DATA_CHANNELS
+from cosim.channels.ble.connections.channel_map import ChannelMap, decode_channel_map
 from cosim.channels.ble.connections.parameters import INTERVAL_UNIT, TIMEOUT_UNIT, ConnectionParameters, TransmitWindow
 from cosim.channels.ble.phy import HEADER_OCTETS, MAX_PAYLOAD
 from cosim.channels.ble.selection import HOP_INCREMENTS

@@ -28,9 +28,9 @@ from cosim.channels.ble.bits.control import (
 )
 from cosim.channels.ble.bits.l2cap import LEAST_OCTETS, LEAST_TIME, LEAST_TIME_CODED, longest_payload
 from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, LLData, Llid
-from cosim.channels.ble.channel_map import ChannelMap
 from cosim.channels.ble.connections.anchors import WINDOW_DELAYS, Anchors, Expectation
 from cosim.channels.ble.connections.arq import EMPTY, Arq, Fragment, Heard
+from cosim.channels.ble.connections.channel_map import ChannelMap
 from cosim.channels.ble.connections.connection import Supervision, event_at, instant_for
 from cosim.channels.ble.connections.exchange import ConnectionEvent, Packet, Reception, Side
 from cosim.channels.ble.connections.parameters import ConnectionParameters, TransmitWindow
