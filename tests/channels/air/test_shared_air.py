@@ -15,6 +15,8 @@ from cosim.channels.bluetooth.bits.powers import POWER_DBM
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.kernel import DELIVER, WORLD
 from cosim.machine import BROADCAST, Inquire, Outgoing, Page, Scan
+from cosim.scenario import Scenario
+from cosim.simulation import simulate
 from cosim.units import MS, US, S
 from tests.channels.air.shared_field import SharedField
 
@@ -272,3 +274,25 @@ def test_a_station_hears_the_ids_of_an_inquiry() -> None:
     assert len(data) > 3000
     assert begins_within(data, loud, settings_cca(field_)) == 0
     assert begins_within(data, [(end, end + MS) for _, end in loud], 0) > 20
+
+
+@pytest.mark.parametrize("kind", ["bluetooth", "ble"])
+def test_an_air_in_which_one_kind_speaks_is_as_its_own(kind: str) -> None:
+    """A run in which the stations are silent has the digest that it has apart."""
+
+    def digest(air: str) -> str:
+        law = {"propagation": {"model": "log_distance"}}
+        wifi = {"kind": "adhoc", "channel": 6, **law}
+        scenario = Scenario.model_validate(
+            {
+                "name": "silent",
+                "duration_s": 120,
+                "floorplan": {"map": "office"},
+                "team": {"size": 3, "radios": [0, 1], "body": {"radius_m": 0.2, "speed_mps": 0.5, "drive": "grid"}},
+                "channel": {"kind": "radios", "air": air, "radios": [{"kind": kind, **law}, wifi]},
+                "protocol": {"use": "pseudonet", "parameters": {"algorithm": "spanning_tree"}},
+            }
+        )
+        return simulate(scenario, 3).digest
+
+    assert digest("shared") == digest("apart")
