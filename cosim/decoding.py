@@ -6,7 +6,7 @@ shows them need know no protocol.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any, Final, TypeAlias
@@ -14,13 +14,17 @@ from typing import Any, Final, TypeAlias
 from pydantic import BaseModel
 
 from cosim.channels.adhoc.routing import aodv_wire, ip, olsr_wire
-from cosim.channels.ble.dissection import dissect
+from cosim.channels.ble.dissection import PARTS, Part, dissect, put_together
 from cosim.channels.ble.settings import BleSettings
 from cosim.errors import WireError
 from cosim.scenario import Scenario
 
 Plain: TypeAlias = dict[str, Any] | list[Any] | str | int | float | bool | None
 """Data that JSON can hold."""
+Row: TypeAlias = Mapping[str, Any]
+"""A row of a table."""
+Beside: TypeAlias = Callable[[Collection[str]], tuple[Iterator[Row], Iterator[Row]]]
+"""(types of packets) -> the transmissions of these types before one and after it, from it on, of the same sender."""
 TYPE: Final = "type"
 """Key of the name of a message's type, in front of its fields."""
 
@@ -35,16 +39,17 @@ def decoded(scenario: Scenario, payload: bytes, routed: bool = False) -> Plain:
     return _sentence_or(_payload, scenario, payload)
 
 
-def frame_said(scenario: Scenario, body: bytes, sent: Mapping[str, Any] | None) -> Plain:
+def frame_said(scenario: Scenario, body: bytes, sent: Row | None, beside: Beside | None = None) -> Plain:
     """Return what *body* says, in a run of *scenario*: that of a transmission, or else a payload.
 
-    *sent* is the row of the transmission; its radio tells what a body is.
+    *sent* is the row of the transmission; its radio tells what a body is. What is *beside* it to the same receiver may
+    carry the rest of its payload.
     """
     if sent is None:
         return decoded(scenario, body)
     radio = sent.get("radio", 0)
     if radio < len(scenario.radios) and isinstance(scenario.radios[radio], BleSettings):
-        return _low_energy(scenario, body, sent["kind"])
+        return _low_energy(scenario, body, sent, beside)
     return decoded(scenario, body, bool(sent["routed"]))
 
 
@@ -108,14 +113,24 @@ def _payload(scenario: Scenario, payload: bytes) -> Any:
     return spec.decode(scenario.protocol.parameters, scenario.team.size, payload)
 
 
-def _low_energy(scenario: Scenario, packet: bytes, kind: str) -> Plain:
-    """Return what a *packet* of Low Energy says, and below it what the payload says that it carries, if one whole."""
+def _low_energy(scenario: Scenario, packet: bytes, sent: Row, beside: Beside | None) -> Plain:
+    """Return what a *packet* of Low Energy says, and below it what the payload says of which it carries all or a part.
+
+    That is left out if it carries none, or one that cannot be put together.
+    """
     try:
-        fields, payload = dissect(kind, packet)
+        fields, payload = dissect(sent["kind"], packet)
     except WireError as error:
         return f"no packet: {error}"
+    if payload is None and beside is not None and sent["kind"] in PARTS:
+        before, after = (map(_part, rows) for rows in beside(PARTS[sent["kind"]]))
+        payload = put_together(_part(sent), before, after)
     carried = {} if payload is None else {"payload": _sentence_or(_payload, scenario, payload)}
     return {"low_energy": fields} | carried
+
+
+def _part(sent: Row) -> Part:
+    return Part(bytes.fromhex(sent["body"]), bool(sent["retry"]))
 
 
 def _routed(scenario: Scenario, packet: bytes) -> Any:

@@ -1,7 +1,8 @@
 """All about one box: the fields of its row, what became of the frame at everyone, and the bytes that it carries."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Final, Protocol, TypeAlias
 
 from cosim.machine import BROADCAST
@@ -10,8 +11,13 @@ from cosim.trace import FRAMES, MESSAGES, RECEPTIONS, TRANSMISSIONS
 from cosim.units import Time
 
 Row: TypeAlias = dict[str, Any]
-Decode: TypeAlias = Callable[[bytes, Row | None], Any]
-"""(body, the row of the transmission that carries it; None: it is a payload) -> what it says, as plain data."""
+Nearby: TypeAlias = Callable[[Collection[str]], tuple[Iterator[Row], Iterator[Row]]]
+"""(types of packets) -> the transmissions of these types before one, and after it, of the same sender."""
+Decode: TypeAlias = Callable[[bytes, Row | None, Nearby], Any]
+"""(body, the row of the transmission that carries it, what is beside it) -> what it says, as plain data.
+
+Without a transmission it is a payload.
+"""
 MOST_RECEPTIONS: Final = 200
 """Maximum number of receptions that are told of."""
 BYTES_IN: Final = {TRANSMISSIONS.name: "body", MESSAGES.name: "payload"}
@@ -31,10 +37,21 @@ class Tables(Protocol):
         """Return the sum of the column *name* of *table*, of whole numbers, over the *rows* of these numbers."""
 
 
-def detail(tables: Tables, lane: Lane, number: int, decode: Decode | None = None) -> Row:
+def alone(sent: Row, kinds: Collection[str]) -> tuple[Iterator[Row], Iterator[Row]]:
+    """Return that there is nothing beside a transmission."""
+    return iter(()), iter(())
+
+
+def detail(
+    tables: Tables,
+    lane: Lane,
+    number: int,
+    decode: Decode | None = None,
+    beside: Callable[[Row, Collection[str]], tuple[Iterator[Row], Iterator[Row]]] = alone,
+) -> Row:
     """Return all about the box of *lane* that the row *number* makes, as plain data.
 
-    Raise UserError if there is no such row.
+    *beside* finds what is near a transmission, for *decode*. Raise UserError if there is no such row.
     """
     table, row = lane.table, tables.row(lane.table, number)
     about: Row = {"table": table, "fields": row, "transmission": None, "receptions": [], "bytes": "", "decoded": None}
@@ -47,7 +64,7 @@ def detail(tables: Tables, lane: Lane, number: int, decode: Decode | None = None
         about["receptions"] = _receptions(tables, row, rows)[:MOST_RECEPTIONS]
     carried = row.get(BYTES_IN.get(table, ""), "") if sent is None else sent[BYTES_IN[TRANSMISSIONS.name]]
     about["bytes"] = carried or ""
-    about["decoded"] = _decoded(decode, about["bytes"], sent)
+    about["decoded"] = _decoded(decode, about["bytes"], sent, partial(beside, sent or {}))
     return about
 
 
@@ -77,12 +94,12 @@ def _receptions(tables: Tables, row: Row, sent: Sequence[Row]) -> list[Row]:
     ]  # fmt: skip
 
 
-def _decoded(decode: Decode | None, carried: str, sent: Row | None) -> Any:
+def _decoded(decode: Decode | None, carried: str, sent: Row | None, nearby: Nearby) -> Any:
     """Return what the bytes say, or why nobody can tell; None if the protocol does not say how to decode them."""
     if decode is None or not carried:
         return None
     try:
-        said = decode(bytes.fromhex(carried), sent)
+        said = decode(bytes.fromhex(carried), sent, nearby)
         json.dumps(said)
     except Exception as error:  # noqa: BLE001  # an installed protocol's code, for one field of a page, which shows it
         return f"cannot be decoded: {type(error).__name__}: {error}"

@@ -21,6 +21,7 @@ Form 1, cells: kinds u16 (65535: nothing there), shares u8, lost u8, counts u32.
 
 import struct
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from types import MappingProxyType
@@ -33,6 +34,7 @@ from cosim.errors import UserError
 from cosim.present import Present
 from cosim.settings import Settings
 from cosim.timeline.assembly import lost_codes, span_of
+from cosim.timeline.beside import beside
 from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, ORDER, PICONET, Codes
 from cosim.timeline.curves import Drawn, Parts, SeriesOfRun, curves, values
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
@@ -193,7 +195,8 @@ class Answers:
 
     def _box(self, asked: AskBox) -> Row:
         lane = self._lane(asked.lane)
-        about = detail(self._tables, lane, asked.row, self._decode)
+        nearby = partial(beside, self._lanes, self._drawn.codes, self._tables)
+        about = detail(self._tables, lane, asked.row, self._decode, nearby)
         start = next(iter(about["fields"].values()))  # the first column is a row's time
         if lane.named.what in CARRIER_SENSE:  # whose boxes begin when a frame has come, or has ended
             start = lane.start_of(asked.row) or start

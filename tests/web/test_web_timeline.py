@@ -200,15 +200,15 @@ def test_bytes_are_decoded_if_somebody_can(folder: Path):
         assert isinstance(answer, dict)
         return answer["decoded"]
 
-    def broken(payload: bytes, sent: Any) -> Any:
+    def broken(payload: bytes, sent: Any, nearby: Any) -> Any:
         raise ValueError("no message")
 
-    assert said(lambda payload, sent: {"says": payload.hex(), "routed": sent["routed"]}) == {
+    assert said(lambda payload, sent, nearby: {"says": payload.hex(), "routed": sent["routed"]}) == {
         "says": "c0ffee",
         "routed": False,
     }
     assert said(broken) == "cannot be decoded: ValueError: no message"
-    assert said(lambda payload, sent: {1, 2}).startswith("cannot be decoded: TypeError: ")  # no plain data
+    assert said(lambda payload, sent, nearby: {1, 2}).startswith("cannot be decoded: TypeError: ")  # no plain data
     assert said(None) is None
 
 

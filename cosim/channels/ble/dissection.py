@@ -5,7 +5,7 @@ one of a connection. A payload for one robot is an ATT notification in an L2CAP 
 payload for everyone is advertising data, in pieces.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
@@ -72,6 +72,21 @@ class Dissected(NamedTuple):
     """The user's payload that it carries; None if it carries none, or only a part of one."""
 
 
+class Part(NamedTuple):
+    """A packet that may carry a part of a payload."""
+
+    packet: bytes
+    again: bool
+    """True if what it carries has been on the air before."""
+
+
+PARTS: Final[Mapping[str, frozenset[str]]] = {
+    "DATA": frozenset({"DATA"}),
+    **dict.fromkeys(("AUX_ADV_IND", "AUX_CHAIN_IND"), frozenset({"AUX_ADV_IND", "AUX_CHAIN_IND"})),
+}
+"""Types of packets that may carry a part of a payload, with the types of those that may carry the others."""
+
+
 def dissect(kind: str, packet: bytes) -> Dissected:
     """Return what *packet*, of the type *kind* by its sender, says; raise WireError, and nothing else, if it is none.
 
@@ -84,6 +99,22 @@ def dissect(kind: str, packet: bytes) -> Dissected:
     fields, payload = _advertising(kind, decode_advertising(pdu)) if of_advertising else _of_connection(pdu)
     head: Fields = {"access_address": f"{address:#010x}" + (", of advertising" if of_advertising else "")}
     return Dissected(head | fields | {"crc": packet[-CRC_OCTETS:].hex()}, payload)
+
+
+def put_together(here: Part, before: Iterable[Part], after: Iterable[Part]) -> bytes | None:
+    """Return the user's payload of which *here* carries a part; None if not all of it is there.
+
+    *before* and *after* are what the same sender has sent to the same receiver, both from *here* on.
+    """
+    of_advertising = here.packet[:_ADDRESS_OCTETS] == ADVERTISING_ADDRESS.to_bytes(_ADDRESS_OCTETS, "little")
+    try:
+        return _chained(here, before, after) if of_advertising else _continued(here, before, after)
+    except WireError:
+        return None
+
+
+def _pdu(part: Part) -> bytes:
+    return part.packet[_ADDRESS_OCTETS:-CRC_OCTETS]
 
 
 # ---------------------------------------------------------------- advertising
@@ -119,6 +150,31 @@ def _extended(kind: str, pdu: Extended) -> tuple[Fields, bytes | None]:
     fields |= {"data_octets": len(pdu.data)}
     whole = kind == "AUX_ADV_IND" and pdu.aux is None
     return fields, piece_of(pdu.data) if whole else None
+
+
+def _chained(here: Part, before: Iterable[Part], after: Iterable[Part]) -> bytes | None:
+    """Return the payload of the chain in which *here* is: from the PDU with an advertiser to that without a pointer."""
+    chain = [_extended_pdu(here)]
+    for part in before:
+        if chain[0].advertiser is not None:
+            break
+        chain.insert(0, _extended_pdu(part))
+    for part in after:
+        if chain[-1].aux is None:
+            break
+        chain.append(_extended_pdu(part))
+    first, *others = chain
+    whole = first.advertiser is not None and chain[-1].aux is None
+    alike = all(each.advertiser is None and each.data_info == first.data_info for each in others)
+    pieces = [piece_of(pdu.data) for pdu in chain]
+    return b"".join(piece or b"" for piece in pieces) if whole and alike and None not in pieces else None
+
+
+def _extended_pdu(part: Part) -> Extended:
+    pdu = decode_advertising(_pdu(part))
+    if not isinstance(pdu, Extended):
+        raise WireError("no PDU of extended advertising")
+    return pdu
 
 
 def _aux(aux: AuxPtr) -> Fields:
@@ -174,15 +230,39 @@ def _of_connection(octets: bytes) -> tuple[Fields, bytes | None]:
     if len(pdu.payload) >= L2CAP_OCTETS:
         length, channel = _L2CAP.unpack_from(pdu.payload)
         fields |= {"l2cap_length": length, "l2cap_channel": channel}
-    return fields, payload_of([pdu])
+    return fields, _alone(pdu)
 
 
-def payload_of(pdus: "list[DataPdu]") -> bytes | None:
-    """Return the user's payload in the data PDUs of a message, in their order; None if they are not all of it."""
+def _alone(pdu: DataPdu) -> bytes | None:
+    """Return the user's payload of the message that *pdu* begins, if it is all of it."""
+    message = Reassembly().take(Fragment(pdu.llid, pdu.payload))
+    return None if message is None else _notified(message)
+
+
+def _continued(here: Part, before: Iterable[Part], after: Iterable[Part]) -> bytes | None:
+    """Return the payload of the message in which *here* is, from the PDU that begins it on."""
+    link = here.packet[:_ADDRESS_OCTETS]
+    pdus = [] if here.again else [decode_data(_pdu(here))]
+    for part in _new(before, link):
+        if pdus and pdus[0].llid is Llid.START:
+            break
+        pdus.insert(0, decode_data(_pdu(part)))
     reassembly, message = Reassembly(), None
     for pdu in pdus:
+        if message is not None:  # it was over before
+            return None
+        message = reassembly.take(Fragment(pdu.llid, pdu.payload))
+    for part in _new(after, link):
+        if message is not None:
+            break
+        pdu = decode_data(_pdu(part))
         message = reassembly.take(Fragment(pdu.llid, pdu.payload))
     return None if message is None else _notified(message)
+
+
+def _new(parts: Iterable[Part], link: bytes) -> Iterator[Part]:
+    """Yield those of the link of that access address that are no copies."""
+    return (part for part in parts if part.packet[:_ADDRESS_OCTETS] == link and not part.again)
 
 
 def _notified(message: Message) -> bytes | None:
