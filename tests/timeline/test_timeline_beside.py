@@ -143,6 +143,25 @@ def test_each_packet_tells_the_payload_of_which_it_carries_a_part(field: Any) ->
     assert again > 50
 
 
+SENT: Final = [(0, "DATA", 1), (0, "DATA", 2), (0, "EMPTY", 1), (1, "DATA", 0), (0, "DATA", 1), (0, "CONTROL", 1)] * 3
+"""Sender, type and receiver of transmissions, one a microsecond."""
+
+
+def test_what_is_beside_is_of_the_same_sender_and_receiver_and_of_the_wanted_types_in_order() -> None:
+    trace = Trace([TRANSMISSIONS])
+    for at, (source, kind, to) in enumerate(SENT):
+        trace.row(TRANSMISSIONS, at * US, source, kind, to, 0, 0, False, False, True, "", 300, 4, 0, 0)
+    lanes, codes = lanes_of(trace)
+    tables = Tables(trace)
+    for at, (source, kind, to) in enumerate(SENT):
+        for wanted in ({kind}, {"DATA", "CONTROL"}, {"RTS"}):
+            found = beside(lanes, codes, tables, tables.row("transmissions", at), wanted)
+            alike = [other for other, row in enumerate(SENT) if (row[0], row[2]) == (source, to) and row[1] in wanted]
+            expected = [other for other in alike if other < at][::-1], [other for other in alike if other > at]
+            assert tuple([row["time_ns"] // US for row in rows] for rows in found) == expected
+    assert [*map(list, beside([], codes, tables, tables.row("transmissions", 0), {"DATA"}))] == [[], []]
+
+
 # ---------------------------------------------------------------- what cannot be put together
 
 ANN: Final = DeviceAddress(0x112233445566, random=True)

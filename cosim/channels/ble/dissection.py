@@ -248,9 +248,7 @@ def _continued(here: Part, before: Iterable[Part], after: Iterable[Part]) -> byt
             break
         pdus.insert(0, decode_data(_pdu(part)))
     reassembly, message = Reassembly(), None
-    for pdu in pdus:
-        if message is not None:  # it was over before
-            return None
+    for pdu in pdus:  # if it is over before the last, that is refused: it continues nothing
         message = reassembly.take(Fragment(pdu.llid, pdu.payload))
     for part in _new(after, link):
         if message is not None:
