@@ -98,7 +98,7 @@ class Channel(ABC):
 
     @property
     def parts(self) -> "tuple[Channel, ...]":
-        """The channels that this one consists of, by radio number; they know nothing of each other."""
+        """The channels that this one consists of, by radio number; they meet in a shared air only."""
         return (self,)
 
     def carried(self, address: Address) -> tuple[int, ...]:  # where there are several, it depends
