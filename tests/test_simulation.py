@@ -410,8 +410,8 @@ def test_the_radios_are_told_their_power_classes_and_walls(monkeypatch: pytest.M
     told: list[Any] = []
 
     class Radio(IdealChannel):
-        def __init__(self, settings: Any, kernel: Any, trace: Any, size: int, streams: Any, floor: Any, classes: Any):
-            told.extend((floor, classes))
+        def __init__(self, settings: Any, kernel: Any, trace: Any, size: int, streams: Any, floor: Any, *rest: Any):
+            told.extend((floor, rest[0]))
             super().__init__(IdealSettings(), kernel, trace, size)
 
     monkeypatch.setattr("cosim.channels.bluetooth.device.BluetoothChannel", Radio)
