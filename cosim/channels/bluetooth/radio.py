@@ -172,7 +172,9 @@ class Air:
         """True if powers are those of a law of propagation."""
         self._jammers: Foreign | None = None
         self.tenancy = None if neighbours is None else neighbours(self)
-        """Its place in an air that others share."""
+        """Its place in an air that others share,"""
+        self.neighbours: Tenancy | None = None
+        """which is this as long as they send anything."""
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
         self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
@@ -245,7 +247,7 @@ class Air:
         A frame that ends at the instant at which powers change is judged with the new ones.
         """
         last_end = now if last_end is None else last_end
-        neighbours = self._neighbours
+        neighbours = self.neighbours
         if neighbours is not None:
             neighbours.gather(last_end)
         if self._running and self._closing < now:
@@ -270,24 +272,14 @@ class Air:
         while True:
             state = self.band, self.medium, self.noise, self._foreign, self.adapted
             count = int(bands.advance(*state, now, last_end, log, powers))
-            if self._neighbours is None or not self._neighbours.tell_begun():
+            if self.neighbours is None or not self.neighbours.tell_begun():
                 return count
-
-    @property
-    def _neighbours(self) -> Tenancy | None:
-        """The place in an air that others share, if they send anything."""
-        return None if self.tenancy is None or self.tenancy.alone else self.tenancy
 
     @property
     def _foreign(self) -> Foreign | None:
         """What disturbs and is not Bluetooth's."""
-        neighbours = self._neighbours
+        neighbours = self.neighbours
         return self._jammers if neighbours is None else neighbours.heard(self._jammers)
-
-    @property
-    def _quiet(self) -> bool:
-        """True if nothing disturbs that is not Bluetooth's."""
-        return self._jammers is None and self._neighbours is None
 
     def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
@@ -330,7 +322,9 @@ class Air:
         """Note what can destroy frames; *master* is that of the only piconet that sends anything, if it is."""
         self._stray_until(now + LONGEST_FRAME)
         medium = self.medium
-        quiet = medium.mode == mediums.NONE or (not len(medium.trains) and self._quiet)
+        quiet = medium.mode == mediums.NONE or (
+            not len(medium.trains) and self._jammers is None and self.neighbours is None
+        )
         self._master = master if quiet else None
         alone = medium.mode == mediums.NONE or self._running <= 1
         self.calm = self.noise is None and quiet and alone
@@ -352,8 +346,8 @@ class Air:
         while sent and sent[0][2] + 2 * LONGEST_FRAME < start:
             sent.popleft()
         sent.append((source, start, end, channel))
-        if self._neighbours is not None:
-            self._neighbours.tell(source, start, end, channel)
+        if self.neighbours is not None:
+            self.neighbours.tell(source, start, end, channel)
 
     def _put_sent(self) -> None:
         """Put into the medium what is not there yet."""
@@ -472,7 +466,7 @@ class Air:
 
     def _undisturbed(self, source: Address, receiver: Address, start: Time, end: Time) -> bool:
         """Return whether nobody but *source* and *receiver* sends anything during [start, end), on any channel."""
-        if start < self._others or not self._quiet:
+        if start < self._others or self._jammers is not None or self.neighbours is not None:
             return False
         for train in self._trains:
             if train.device not in (source, receiver):

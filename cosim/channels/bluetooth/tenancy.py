@@ -44,6 +44,8 @@ class Piconets(Protocol):
     medium: Medium
     sent: deque[_Frame]
     """Frames that are not in the medium yet."""
+    neighbours: "Tenancy | None"
+    """Their tenancy while others send anything."""
 
     def advance(self, now: Time, last_end: Time | None = None) -> None:
         """Decide all idle slots that start before *now*, and the fates of frames that end by *last_end*."""
@@ -131,6 +133,7 @@ class Tenancy:
         piconets.advance(now)
         frames = () if alone else sorted(self._recent(now - MEMORY))
         self.alone, self._decided, self._ids_told = alone, now, max(self._ids_told, now - MEMORY)
+        piconets.neighbours = None if alone else self
         for frame in frames:
             self.tell(*frame)
         if not alone:
