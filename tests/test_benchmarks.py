@@ -21,7 +21,8 @@ def test_a_figure_beyond_its_bound_is_marked():
 def test_what_figures_were_meant_to_cost_at_most_stands_beside_what_they_cost():
     bounds = [figure.bound for figure in FIGURES if figure.bound is not None]
     piconets, le, inquiry, message, crowd = [90e3, 1.2e6], [90e3, 1.2e6, 1000], 1200, 40, 2.5e6
-    assert bounds == [*piconets, *le, inquiry, message, crowd, 40, 20, 10_000]  # marking, a step beyond it, A*
+    shared_air = [1.1, 2.0]  # against apart, and against both alone
+    assert bounds == [*piconets, *le, inquiry, message, *shared_air, crowd, 40, 20, 10_000]  # marking, a step, A*
 
 
 def test_what_a_user_waits_for_at_most_stands_there_in_seconds():
