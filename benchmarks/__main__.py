@@ -139,7 +139,7 @@ class Measured(NamedTuple):
 
 def measured(figure: Figure, seed: int) -> Measured:
     """Measure a figure between two measurements of its unit."""
-    units = [Figure("", work) for work in figure.against] or [UNIT]
+    units = [Figure("", work) for work in figure.against] or [FIGURES[0]]
     before = sum(seconds_each(unit, seed) for unit in units)
     seconds = seconds_each(figure, seed)
     after = sum(seconds_each(unit, seed) for unit in units)
@@ -164,8 +164,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     gc.collect()
     gc.freeze()  # as the workers of a sweep do
     rounds = [[measured(figure, seed) for figure in figures] for seed in range(1, ROUNDS + 1)]
-    print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout, measured before and after each figure,")
-    print("or of what the name says after 'against'")
+    print(
+        f"median of {ROUNDS} rounds; x = multiples of the bare timeout, or of what stands after 'against', around each"
+    )
     for column, figure in enumerate(figures):
         each = median(row[column].seconds for row in rounds)
         ratios = [row[column].ratio for row in rounds]
