@@ -164,9 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     gc.collect()
     gc.freeze()  # as the workers of a sweep do
     rounds = [[measured(figure, seed) for figure in figures] for seed in range(1, ROUNDS + 1)]
-    print(
-        f"median of {ROUNDS} rounds; x = multiples of the bare timeout, or of what is named after 'against'"
-    )
+    print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout, or of what is named after 'against'")
     for column, figure in enumerate(figures):
         each = median(row[column].seconds for row in rounds)
         ratios = [row[column].ratio for row in rounds]
