@@ -148,8 +148,11 @@ class SharedAir:
 
     def reconsider(self) -> None:
         """Note that a channel has become attentive, or begins to send by itself at other instants than before."""
-        now = self._kernel.now
-        due = min((each.begins_after(now - 1) for each in self._heard_by_others()), default=NEVER)
+        self._wait(self._kernel.now - 1)
+
+    def _wait(self, after: Time) -> None:
+        """Be there when a channel that is heard begins to send by itself, later than *after*."""
+        due = min((each.begins_after(after) for each in self._heard_by_others()), default=NEVER)
         if self._due is not None:
             if self._due.time == due:
                 return
@@ -173,9 +176,7 @@ class SharedAir:
         for each in self._heard_by_others():
             if each.begins_after(now - 1) == now:
                 each.send_due(now)
-        due = min((each.begins_after(now) for each in self._heard_by_others()), default=NEVER)
-        if due < NEVER and self._due is None:
-            self._due = self._kernel.at(due, self._send_due, AIR)
+        self._wait(now)
 
     def _heard_by_others(self) -> list[Neighbour]:
         """Return the channels to which another one is attentive."""

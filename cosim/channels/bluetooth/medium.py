@@ -18,6 +18,7 @@ import numpy as np
 import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.channels.air.emissions import COLUMNS, Table, Tuning, others_mw
+from cosim.channels.air.jammers import LOWEST_MHZ
 from cosim.channels.air.spectra import CLASSIC, STEPS_PER_MHZ, shares
 from cosim.channels.bluetooth.bits.errors import (
     ACCESS_CODE,
@@ -44,8 +45,6 @@ GAPS: Final = 8
 
 BEGUN_FIELDS: Final = 3
 """Columns of idle frames that have begun: start, sender, channel."""
-LOWEST_MHZ: Final = 2402
-"""Centre of channel 0."""
 
 # modes of interference
 NONE: Final = 0

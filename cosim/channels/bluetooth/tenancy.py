@@ -12,10 +12,11 @@ import numpy as np
 import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.channels.air.band import Emission
+from cosim.channels.air.jammers import LOWEST_MHZ
 from cosim.channels.air.shared import NEVER, SharedAir
 from cosim.channels.air.spectra import CLASSIC, STEPS_PER_MHZ
 from cosim.channels.bluetooth.band import Band, next_start, senders
-from cosim.channels.bluetooth.medium import BEGUN_FIELDS, LOWEST_MHZ, Foreign, Medium, jamming, list_ids
+from cosim.channels.bluetooth.medium import BEGUN_FIELDS, Foreign, Medium, jamming, list_ids
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import HEARD_DOWN, HEARD_UP, PAIR_TICK, PHASE, PPM, SLAVE, STAGE
 from cosim.channels.clock import start_of, tick_at
