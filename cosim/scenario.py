@@ -299,6 +299,19 @@ class Scenario(Settings):
         return self
 
     @model_validator(mode="after")
+    def _background_apart(self) -> Self:
+        """Refuse stations in the background by a radio that robots have: they would be of the robots' network."""
+        pairs = self.channel.background if isinstance(self.channel, RadiosSettings) else ()
+        of_robots = {radio for radios in self.team.carried for radio in radios}
+        for number, pair in enumerate(pairs):
+            if pair.radio in of_robots:
+                place = "channel", "background", number, "radio"
+                raise error_at(
+                    place, pair.radio, "is a radio of robots: stations in the background need one of their own"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _all_can_send(self) -> Self:
         """Refuse robots without the radio that their protocol sends by."""
         wanted = self.protocol.spec.radio

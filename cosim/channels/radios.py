@@ -11,6 +11,8 @@ were the only one: it draws from the same streams, and the others from streams o
 With ``air: apart`` radios of different numbers know nothing of each other. With ``air: shared`` all are in the band of
 2.4 GHz, and what one sends disturbs the others, by one law of propagation, as far as the spectra overlap. A robot's own
 radios are as far from each other as their isolation says. They work at the same time: nothing arbitrates.
+
+Pairs of stations in the background have radios that no robot has, and addresses after those of the robots.
 """
 
 from array import array
@@ -23,6 +25,8 @@ import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
 from cosim.channels.air.shared import SharedAir
+from cosim.channels.background import METRICS as BACKGROUND_METRICS
+from cosim.channels.background import Background, PairSettings
 from cosim.channels.base import Channel, Endpoint, Flying, Positions
 from cosim.channels.kinds import (
     ChannelSettings,
@@ -75,6 +79,9 @@ class RadiosSettings(ChannelSettings):
     isolation_db: Decibels = Field(
         default=20.0, ge=0, description="dB between the antennas of a robot's radios, where the air is shared"
     )
+    background: tuple[PairSettings, ...] = Field(
+        default=(), description="pairs of stations that are no robots and send all the time, by radios of their own"
+    )
 
     @field_validator("radios")
     @classmethod
@@ -82,6 +89,20 @@ class RadiosSettings(ChannelSettings):
         if not radios:  # a length among the field's own bounds would be missed also where one of the radios is wrong
             raise ValueError("is empty, expected a channel for each radio")
         return radios
+
+    @model_validator(mode="after")
+    def _pairs_can_send(self) -> Self:
+        for number, pair in enumerate(self.background):
+            place = "background", number
+            if pair.radio >= len(self.radios):
+                expected = f"is none of the channel's radios 0 to {len(self.radios) - 1}"
+                raise error_at((*place, "radio"), pair.radio, expected)
+            settings = self.radios[pair.radio]
+            most = channel_spec(settings.kind).payload_bytes(settings).unicast
+            if most is not None and pair.payload_bytes > most:
+                expected = f"is more than the {most} bytes that radio {pair.radio} carries at once"
+                raise error_at((*place, "payload_bytes"), pair.payload_bytes, expected)
+        return self
 
     @model_validator(mode="after")
     def _can_share(self) -> Self:
@@ -220,21 +241,23 @@ class RadiosChannel(Channel):
         parts: Sequence[Channel],
         carried: Sequence[Sequence[int]],
         air: SharedAir | None = None,
+        background: Background | None = None,
     ) -> None:
         """*parts* are the channels by radio, *carried* the radios that each robot has, *air* is what *parts* share."""
         super().__init__(kernel, trace, len(carried))
         self._air = air
+        self._background = background or Background((), self.size)
         self._parts = tuple(parts)
         self._carried = tuple(map(tuple, carried))
         self._payload_bytes = [0] * len(parts)
         self._carriers = [
             frozenset(robot for robot, radios in enumerate(carried) if radio in radios) for radio in range(len(parts))
         ]
-        for part, carriers in zip(parts, self._carriers, strict=True):
-            for robot in range(self.size):
-                if robot not in carriers:
-                    part.power(robot, False)
-                    part.intervals.end(robot, "off", kernel.now)  # it has no such radio
+        for radio, part in enumerate(parts):
+            for address, radios in enumerate((*carried, *self._background.carried)):
+                if radio not in radios:
+                    part.power(address, False)
+                    part.intervals.end(address, "off", kernel.now)  # it has no such radio
 
     @property
     def parts(self) -> tuple[Channel, ...]:
@@ -277,6 +300,7 @@ class RadiosChannel(Channel):
 
     def moved(self, positions_m: Positions) -> None:
         """Take the robots' new positions."""
+        positions_m = self._background.among(positions_m)
         if self._air is not None:
             self._air.moved(positions_m)
         for part in self._parts:
@@ -309,49 +333,77 @@ class RadiosChannel(Channel):
 
     @property
     def columns(self) -> tuple[Metric, ...]:
-        """The metrics of all channels, summed up under their own names, and those of each radio."""
-        total = {metric.name: metric for part in self._parts for metric in part.columns}
+        """The metrics of all robots' channels, summed up under their own names, and those of each radio."""
+        total = {metric.name: metric for part in self._robots_parts for metric in part.columns}
         of_each = [
             Metric(f"radio_{radio}_{metric.name}", metric.unit, f"{metric.meaning}; by radio {radio}")
             for radio, part in enumerate(self._parts)
-            for metric in (*part.columns, _PAYLOAD_BYTES)
+            for metric in (*part.columns, *self._own_metrics(radio))
         ]
         return (*total.values(), *of_each)
+
+    @property
+    def _robots_parts(self) -> list[Channel]:
+        """The channels of all radios but those in the background."""
+        return [part for radio, part in enumerate(self._parts) if radio not in self._background.radios]
+
+    def _own_metrics(self, radio: int) -> tuple[Metric, ...]:
+        """Return what is counted here of *radio*."""
+        return BACKGROUND_METRICS if radio in self._background.radios else (_PAYLOAD_BYTES,)
 
     @property
     def uses(self) -> frozenset[str]:
         """The names of those that say what radios have used, of all together and of each radio."""
         of_each = (f"radio_{radio}_{name}" for radio, part in enumerate(self._parts) for name in part.uses)
-        return frozenset(of_each).union(*(part.uses for part in self._parts))
+        return frozenset(of_each).union(*(part.uses for part in self._robots_parts))
 
     @property
     def unsent(self) -> Counter[tuple[Address, Outcome]]:
-        """Number of payloads that were never on the air by any radio, by sender and reason."""
-        return sum((part.unsent for part in self._parts), Counter())
+        """Number of robots' payloads that were never on the air by any radio, by sender and reason."""
+        return sum((part.unsent for part in self._robots_parts), Counter())
 
     def summary(self) -> dict[str, float]:
-        """Return what the channels counted: summed up, and by radio."""
+        """Return what the channels counted: summed up for the robots, and by radio."""
         total: dict[str, float] = {}
         of_each: dict[str, float] = {}
         for radio, (part, octets) in enumerate(zip(self._parts, self._payload_bytes, strict=True)):
             counts = part.summary()
-            for name, count in counts.items():
-                total[name] = total.get(name, 0.0) + count
-            counts |= {_PAYLOAD_BYTES.name: float(octets)}
+            if radio in self._background.radios:
+                counts |= self._background.counts(radio)
+            else:
+                for name, count in counts.items():
+                    total[name] = total.get(name, 0.0) + count
+                counts |= {_PAYLOAD_BYTES.name: float(octets)}
             of_each |= {f"radio_{radio}_{name}": count for name, count in counts.items()}
         return total | of_each
 
 
 def _made(settings: RadiosSettings, site: ChannelSite) -> RadiosChannel:
     parts, air = [], None
+    background = Background(settings.background, site.size)
+    everyone = _with_stations(site, background)
     if settings.air == "shared":
         law, draws = _law(0, settings.radios[0]), site.streams.draws("shadowing")
         propagation = Propagation(law, site.walls, site.wall_loss_db, draws)
-        air = SharedAir(site.kernel, site.size, propagation, settings.isolation_db)
+        air = SharedAir(site.kernel, everyone.size, propagation, settings.isolation_db)
     for radio, each in enumerate(settings.radios):
-        own = site._replace(trace=RadioTrace(site.trace, radio), streams=RadioStreams(site.streams, radio), air=air)
+        own = everyone._replace(trace=RadioTrace(site.trace, radio), streams=RadioStreams(site.streams, radio), air=air)
         parts.append(channel_spec(each.kind).make(each, own))
-    return RadiosChannel(site.kernel, site.trace, parts, site.carried, air)
+    channel = RadiosChannel(site.kernel, site.trace, parts, site.carried, air, background)
+    background.begin(site.kernel, parts, site.streams)
+    return channel
+
+
+def _with_stations(site: ChannelSite, background: Background) -> ChannelSite:
+    """Return *site* with the stations of *background* after the robots."""
+    unsaid = (None,) * len(background.carried)
+    return site._replace(
+        size=site.size + len(unsaid),
+        carried=(*site.carried, *background.carried),
+        powers_dbm=(*site.powers_dbm, *unsaid),
+        reaches_m=(*site.reaches_m, *unsaid),
+        power_classes=(*site.power_classes, *unsaid),
+    )
 
 
 SPEC: Final = ChannelSpec(RadiosSettings, _made)
