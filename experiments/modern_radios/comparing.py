@@ -56,7 +56,7 @@ LINKS: Final[Mapping[Task, Plain]] = MappingProxyType(
 STATIONS: Final[Mapping[str, tuple[Plain, int, float]]] = MappingProxyType(
     {
         "bluetooth": ({"kind": "bluetooth", "power_class": 2, "afh": True, **LAW}, 339, 25e-3),
-        "ble": ({"kind": "ble", "power_dbm": 0, **LAW}, 244, 16.7e-3),
+        "ble": ({"kind": "ble", "power_dbm": 0, "connection": {"interval_s": 0.1, "links": 1}, **LAW}, 244, 16.7e-3),
         "adhoc": ({"kind": "adhoc", "channel": 6, "phy": "dsss", "rate_mbps": 11, **LAW}, 1500, 10.4e-3),
     }
 )

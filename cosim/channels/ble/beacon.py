@@ -54,6 +54,8 @@ class Beacon:
         self._begun = 0
         self._quiet: tuple[Time, Time] = (0, 0)
         """A time [since, until) in which none of its packets begins."""
+        self._due: tuple[Time, Time] = (0, 0)
+        """An instant, and the first after it at which a packet is due."""
         self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
 
     def begin(self, now: Time, after: Time) -> None:
@@ -64,7 +66,7 @@ class Beacon:
             draws = self._draws(self._begun)
             self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws)
             self.since, self._begun = now, self._begun + 1
-            self._quiet = 0, 0
+            self._quiet = self._due = 0, 0
 
     def end(self, now: Time) -> None:
         """Do not advertise any more: what is on the air goes to its end, and nothing begins."""
@@ -72,6 +74,10 @@ class Beacon:
             self._ended = [item for item in self._ended if item[1] > now - LOOKBACK]
             self._ended.append((self.advertiser, now))
             self.advertiser = None
+
+    def silent_from(self, since: Time) -> bool:
+        """Return whether no packet of it begins at *since* or later, for all that is known."""
+        return self.advertiser is None and (not self._ended or self._ended[-1][1] <= since)
 
     @property
     def runs(self) -> list[tuple[Advertiser, Time, Time]]:
@@ -124,9 +130,13 @@ class Beacon:
         """Return the first instant after *time* at which a packet of it is due, even if the antenna may be taken."""
         if self.advertiser is None:
             return LATER
-        event = self.advertiser.event_from(time + 1)
-        starts = (self.advertiser.start(event, turn) for turn in range(len(self.advertiser.channels)))
-        return next(start for start in starts if start > time)
+        asked, due = self._due
+        if not asked <= time < due:
+            event = self.advertiser.event_from(time + 1)
+            starts = (self.advertiser.start(event, turn) for turn in range(len(self.advertiser.channels)))
+            due = next(start for start in starts if start > time)
+            self._due = time, due
+        return due
 
     def packets(self, since: Time, until: Time) -> Iterator[Sent]:
         """Yield what it sends in [since, until)."""
