@@ -55,17 +55,21 @@ class Radio:
 
     def send(self, message: Message, destination: Address = BROADCAST, radio: int = SHORT) -> None:
         """Send *message* to one robot, or to all in reach, by one of the robot's radios; not if that lacks a link."""
-        if self._links is not None:
-            hop = self._links.audience if destination == BROADCAST else self._links.hop(destination)
-            if hop is None:
-                return
-            destination = hop
+        if not self._linked(destination):
+            return
         data, counters = encode(self.me, message), self._counters
         counters.frames += 1
         counters.payload_bytes += len(data)
         frame_j, octet_j = BROADCAST_J if destination == BROADCAST else SEND_J
         counters.radio_j += frame_j + octet_j * len(data)
         self._outbox.append(Outgoing(destination, data, None, radio))
+
+    def _linked(self, destination: Address) -> bool:
+        """Return whether there is a link to *destination*, if the radio needs any; a host and its searchers have one."""
+        if self._links is None:
+            return True
+        hop = self._links.audience if destination == BROADCAST else self._links.hop(destination)
+        return hop is not None
 
     def receive(self, data: bytes, reception: Reception) -> tuple[Address, Message] | None:
         """Return sender and message; None for the robot's own frames, and None with an event for bad bytes."""
