@@ -65,7 +65,7 @@ class Radio:
         self._outbox.append(Outgoing(destination, data, None, radio))
 
     def _linked(self, destination: Address) -> bool:
-        """Return whether there is a link to *destination*, if the radio needs any; a host and its searchers have one."""
+        """Return whether there is a link on the way to *destination*, if the radio needs any."""
         if self._links is None:
             return True
         hop = self._links.audience if destination == BROADCAST else self._links.hop(destination)
