@@ -173,7 +173,7 @@ class Named(NamedTuple):
     """RF channel k, 2402 + k MHz, of whose frames it is."""
 
     def called(self, robots: int) -> str:
-        """Return what people call it, where there are so many *robots*; stations have the addresses after theirs."""
+        """Return what people call it where there are so many *robots*, and after them stations, of one radio each."""
         if self.channel != NOWHERE:
             return f"channel {self.channel}" + (f", radio {self.radio}" if self.several else "")
         if self.what == PICONET:
@@ -182,7 +182,7 @@ class Named(NamedTuple):
         if self.robot < 0:
             return "jammers and walls" + (f" {self.row + 1}" if self.row else "")
         who = called(self.robot, robots)
-        radio = f", radio {self.radio}" if self.several and self.radio >= 0 else ""
+        radio = f", radio {self.radio}" if self.several and 0 <= self.radio and self.robot < robots else ""
         what = "host" if self.radio < 0 and self.what == "states" else self.what
         return f"{who}{radio}: {what}" + (f" {self.row + 1}" if self.row else "")
 
