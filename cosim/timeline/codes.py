@@ -182,7 +182,7 @@ class Named(NamedTuple):
         if self.robot < 0:
             return "jammers and walls" + (f" {self.row + 1}" if self.row else "")
         who = called(self.robot, robots)
-        radio = f", radio {self.radio}" if self.several and 0 <= self.radio and self.robot < robots else ""
+        radio = f", radio {self.radio}" if self.several and self.radio >= 0 and self.robot < robots else ""
         what = "host" if self.radio < 0 and self.what == "states" else self.what
         return f"{who}{radio}: {what}" + (f" {self.row + 1}" if self.row else "")
 
