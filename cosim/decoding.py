@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import partial
 from typing import Any, Final, TypeAlias
 
 from pydantic import BaseModel
@@ -30,13 +31,11 @@ TYPE: Final = "type"
 
 
 def decoded(scenario: Scenario, payload: bytes, routed: bool = False) -> Plain:
-    """Return what *payload*, the body of a frame in a run of *scenario*, says; a sentence if it says nothing.
+    """Return what *payload*, the body of a robot's frame in a run of *scenario*, says; a sentence if it says nothing.
 
     A *routed* one is a router's IPv4 packet: what it carries stands below its headers.
     """
-    if routed:
-        return _sentence_or(_routed, scenario, payload)
-    return _sentence_or(_payload, scenario, payload)
+    return _body(partial(_payload, scenario), payload, routed)
 
 
 def frame_said(scenario: Scenario, body: bytes, sent: Row | None, beside: Beside | None = None) -> Plain:
@@ -47,10 +46,11 @@ def frame_said(scenario: Scenario, body: bytes, sent: Row | None, beside: Beside
     """
     if sent is None:
         return decoded(scenario, body)
+    say = partial(_payload, scenario) if sent["source"] < scenario.team.size else _of_station
     radio = sent.get("radio", 0)
     if radio < len(scenario.radios) and isinstance(scenario.radios[radio], BleSettings):
-        return _low_energy(scenario, body, sent, beside)
-    return decoded(scenario, body, bool(sent["routed"]))
+        return _low_energy(say, body, sent, beside)
+    return _body(say, body, bool(sent["routed"]))
 
 
 def packet_name(packet: bytes) -> str:
@@ -99,11 +99,19 @@ def plain_fields(value: Any, names: Any) -> dict[str, Plain]:
     return {name: plain(getattr(value, name)) for name in names}
 
 
-def _sentence_or(decode: Callable[[Scenario, bytes], Any], scenario: Scenario, payload: bytes) -> Plain:
+_Say: TypeAlias = Callable[[bytes], Any]
+"""(payload of a host) -> what it says; it raises WireError for one that is no message."""
+
+
+def _sentence_or(say: _Say, payload: bytes) -> Plain:
     try:
-        return plain(decode(scenario, payload))
+        return plain(say(payload))
     except WireError as error:
         return f"no message: {error}"
+
+
+def _body(say: _Say, body: bytes, routed: bool) -> Plain:
+    return _sentence_or(partial(_routed, say) if routed else say, body)
 
 
 def _payload(scenario: Scenario, payload: bytes) -> Any:
@@ -113,7 +121,11 @@ def _payload(scenario: Scenario, payload: bytes) -> Any:
     return spec.decode(scenario.protocol.parameters, scenario.team.size, payload)
 
 
-def _low_energy(scenario: Scenario, packet: bytes, sent: Row, beside: Beside | None) -> Plain:
+def _of_station(payload: bytes) -> str:
+    return "a payload of a station in the background, which says nothing"
+
+
+def _low_energy(say: _Say, packet: bytes, sent: Row, beside: Beside | None) -> Plain:
     """Return what a *packet* of Low Energy says, and below it what the payload says of which it carries all or a part.
 
     That is left out if it carries none, or one that cannot be put together.
@@ -125,7 +137,7 @@ def _low_energy(scenario: Scenario, packet: bytes, sent: Row, beside: Beside | N
     if payload is None and beside is not None and sent["kind"] in PARTS:
         before, after = (map(_part, rows) for rows in beside(PARTS[sent["kind"]]))
         payload = put_together(_part(sent), before, after)
-    carried = {} if payload is None else {"payload": _sentence_or(_payload, scenario, payload)}
+    carried = {} if payload is None else {"payload": _sentence_or(say, payload)}
     return {"low_energy": fields} | carried
 
 
@@ -133,30 +145,30 @@ def _part(sent: Row) -> Part:
     return Part(bytes.fromhex(sent["body"]), bool(sent["retry"]))
 
 
-def _routed(scenario: Scenario, packet: bytes) -> Any:
+def _routed(say: _Say, packet: bytes) -> Any:
     datagram = ip.decode(packet)
     headers = {"source": datagram.source, "destination": datagram.destination, "ttl": datagram.ttl}
     carries = _PORTS.get(datagram.port, _unknown)
-    return {"ip": headers | {"number": datagram.number, "port": datagram.port}} | carries(scenario, datagram.data)
+    return {"ip": headers | {"number": datagram.number, "port": datagram.port}} | carries(say, datagram.data)
 
 
-def _unknown(scenario: Scenario, data: bytes) -> dict[str, Plain]:
+def _unknown(say: _Say, data: bytes) -> dict[str, Plain]:
     return {"data": data.hex()}
 
 
-def _of_host(scenario: Scenario, data: bytes) -> dict[str, Plain]:
-    return {"payload": _sentence_or(_payload, scenario, data)}
+def _of_host(say: _Say, data: bytes) -> dict[str, Plain]:
+    return {"payload": _sentence_or(say, data)}
 
 
-def _of_aodv(scenario: Scenario, data: bytes) -> dict[str, Plain]:
-    return {"aodv": _sentence_or(lambda _, octets: aodv_wire.decode_message(octets), scenario, data)}
+def _of_aodv(say: _Say, data: bytes) -> dict[str, Plain]:
+    return {"aodv": _sentence_or(aodv_wire.decode_message, data)}
 
 
-def _of_olsr(scenario: Scenario, data: bytes) -> dict[str, Plain]:
-    return {"olsr": _sentence_or(_olsr, scenario, data)}
+def _of_olsr(say: _Say, data: bytes) -> dict[str, Plain]:
+    return {"olsr": _sentence_or(_olsr, data)}
 
 
-def _olsr(scenario: Scenario, data: bytes) -> Any:
+def _olsr(data: bytes) -> Any:
     number, messages = olsr_wire.decode_packet(data)
     bodies = (_OLSR.get(message.kind, bytes)(message.body) for message in messages)
     return {

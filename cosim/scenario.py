@@ -25,6 +25,7 @@ from pydantic import (
     model_validator,
 )
 
+from cosim.channels.background import Station, stations_of
 from cosim.channels.kinds import AnyChannel, ChannelSettings, channel_models, channel_settings, channel_spec
 from cosim.channels.radios import RadiosSettings
 from cosim.documents import (
@@ -247,6 +248,11 @@ class Scenario(Settings):
     def radios(self) -> tuple[ChannelSettings, ...]:
         """The settings of the channel of each radio."""
         return self.channel.radios if isinstance(self.channel, RadiosSettings) else (self.channel,)
+
+    @property
+    def stations(self) -> tuple[Station, ...]:
+        """The stations in the background, whose addresses come after those of the robots."""
+        return stations_of(self.channel.background) if isinstance(self.channel, RadiosSettings) else ()
 
     def map_digests(self) -> list[str]:
         """Return the SHA-256 of the files that it names: the paths of robots, and the floor's if its map is one.

@@ -6,7 +6,7 @@ robot but the disturbance.
 """
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -34,6 +34,23 @@ class PairSettings(Settings):
     places_m: tuple[tuple[Metres, Metres], tuple[Metres, Metres]] = Field(description="m, where they are")
     payload_bytes: Count = Field(ge=1, description="bytes of a payload")
     interval_s: Seconds = Field(ge=1e-5, description="s, mean time from one payload to the next")
+
+
+class Station(NamedTuple):
+    """A station: where it is, m, and which radio it has."""
+
+    place_m: tuple[float, float]
+    radio: int
+
+
+def stations_of(pairs: Sequence[PairSettings]) -> tuple[Station, ...]:
+    """Return the stations of all *pairs*, in the order of their addresses, which come after those of the robots."""
+    return tuple(Station(place_m, pair.radio) for pair in pairs for place_m in pair.places_m)
+
+
+def called(address: Address, robots: int) -> str:
+    """Return what people call who has *address* beside so many *robots*: robot 2, or station 0."""
+    return f"robot {address}" if address < robots else f"station {address - robots}"
 
 
 class _Sender:
@@ -111,11 +128,12 @@ class Background:
     """All pairs of a run: their stations have the addresses after those of the *robots*."""
 
     def __init__(self, pairs: Sequence[PairSettings], robots: int) -> None:
-        self.carried = tuple((pair.radio,) for pair in pairs for _ in pair.places_m)
+        stations = stations_of(pairs)
+        self.carried = tuple((station.radio,) for station in stations)
         """Which radios each station has."""
         self._pairs = tuple(pairs)
         self._robots = robots
-        self._places_m: Positions = np.array([place for pair in pairs for place in pair.places_m]).reshape(-1, 2)
+        self._places_m: Positions = np.array([station.place_m for station in stations]).reshape(-1, 2)
         self._hosts: list[tuple[int, _Sender, _Receiver]] = []
 
     @property

@@ -45,7 +45,7 @@ from cosim.payloads import HeldRow
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.settings import Decibels, error_at
-from cosim.trace import FRAMES, INTERVALS, PAYLOADS, RECEPTIONS, TRANSMISSIONS, UNSENT, Table, Trace
+from cosim.trace import CALLS, FRAMES, INTERVALS, PAYLOADS, RECEPTIONS, TRANSMISSIONS, UNSENT, Table, Trace
 from cosim.trace import Field as Column
 from cosim.units import Time
 
@@ -190,6 +190,15 @@ class RadioTrace(Trace):
         self._whole.event(time, source, event)
 
 
+class StationsTrace(RadioTrace):
+    """The same of a radio of stations in the background: what their layers call is left out, which are no robot's."""
+
+    def row(self, table: Table, *values: Any) -> None:
+        """Append a row."""
+        if table.name != CALLS.name:
+            super().row(table, *values)
+
+
 def with_radio(tables: Iterable[Table]) -> tuple[Table, ...]:
     """Return *tables* with another column, the last one, in those of frames: the radio."""
     return tuple(
@@ -265,8 +274,8 @@ class RadiosChannel(Channel):
         return self._parts
 
     def carried(self, address: Address) -> tuple[int, ...]:
-        """Return which radios the robot *address* has."""
-        return self._carried[address]
+        """Return which radios who has *address* has: a robot, or a station in the background."""
+        return (*self._carried, *self._background.carried)[address]
 
     def attach(self, address: Address, endpoint: Endpoint) -> None:
         """Deliver what arrives at *address* by any radio to *endpoint*."""
@@ -387,7 +396,8 @@ def _made(settings: RadiosSettings, site: ChannelSite) -> RadiosChannel:
         propagation = Propagation(law, site.walls, site.wall_loss_db, draws)
         air = SharedAir(site.kernel, everyone.size, propagation, settings.isolation_db)
     for radio, each in enumerate(settings.radios):
-        own = everyone._replace(trace=RadioTrace(site.trace, radio), streams=RadioStreams(site.streams, radio), air=air)
+        trace = (StationsTrace if radio in background.radios else RadioTrace)(site.trace, radio)
+        own = everyone._replace(trace=trace, streams=RadioStreams(site.streams, radio), air=air)
         parts.append(channel_spec(each.kind).make(each, own))
     channel = RadiosChannel(site.kernel, site.trace, parts, site.carried, air, background)
     background.begin(site.kernel, parts, site.streams)
@@ -399,6 +409,7 @@ def _with_stations(site: ChannelSite, background: Background) -> ChannelSite:
     unsaid = (None,) * len(background.carried)
     return site._replace(
         size=site.size + len(unsaid),
+        robots=site.size,
         carried=(*site.carried, *background.carried),
         powers_dbm=(*site.powers_dbm, *unsaid),
         reaches_m=(*site.reaches_m, *unsaid),

@@ -1,4 +1,7 @@
-"""One capture file of a run: all radios of all robots that can be captured, side by side, in the order of time."""
+"""One capture file of a run: all radios that can be captured, side by side, in the order of time.
+
+They are those of the robots, and of the stations in the background.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from heapq import merge
@@ -9,6 +12,7 @@ from typing import Any, Final
 
 from cosim import __version__
 from cosim.channels.adhoc.channel import AdhocChannel
+from cosim.channels.background import called
 from cosim.channels.base import Channel
 from cosim.channels.ble.channel import BleChannel
 from cosim.channels.bluetooth.device import BluetoothChannel
@@ -38,15 +42,16 @@ def write_capture(path: Path, channel: Channel, trace: Trace, comment: str) -> i
     interfaces: list[Interface] = []
     sources: list[Iterator[Packet]] = []
     for radio, part in enumerate(channel.parts):
-        carriers = [robot for robot in range(channel.size) if radio in channel.carried(robot)]
-        names = [f"robot {robot} radio {radio}" if len(channel.parts) > 1 else f"robot {robot}" for robot in carriers]
-        places = {robot: len(interfaces) + place for place, robot in enumerate(carriers)}
+        carriers = [address for address in range(part.size) if radio in channel.carried(address)]
+        several = f" radio {radio}" if len(channel.parts) > 1 else ""
+        names = [called(address, channel.size) + several for address in carriers]
+        places = {address: len(interfaces) + place for place, address in enumerate(carriers)}
         if isinstance(part, BluetoothChannel):
             devices = [device.identity for device in part.devices]
-            interfaces += map(baseband.interface, (devices[robot] for robot in carriers), names)
+            interfaces += map(baseband.interface, (devices[address] for address in carriers), names)
             sources.append(_placed(baseband.packets(_rows(trace, FRAMES, radio), devices), places))
         elif isinstance(part, AdhocChannel):
-            interfaces += [ieee80211.interface(robot, radio, name) for robot, name in zip(carriers, names, strict=True)]
+            interfaces += [ieee80211.interface(each, radio, name) for each, name in zip(carriers, names, strict=True)]
             sources.append(_placed(ieee80211.packets(_rows(trace, TRANSMISSIONS, radio), radio), places))
         elif isinstance(part, BleChannel):
             places = dict.fromkeys(carriers, len(interfaces))  # a connection is followed on one interface only
@@ -66,6 +71,6 @@ def _rows(trace: Trace, table: Table, radio: int) -> Mapping[str, Sequence[Any]]
 
 
 def _placed(packets: Iterator[Packet], places: Mapping[int, int]) -> Iterator[Packet]:
-    """Yield *packets*, whose interfaces are robots, with the interfaces of these in the file."""
+    """Yield *packets*, whose interfaces are addresses, with the interfaces of these in the file."""
     for packet in packets:
         yield packet._replace(interface=places[packet.interface])

@@ -176,6 +176,11 @@ def cylinder(radius_m: float, height_m: float, shade: Plain) -> Plain:
     return {"pose": pose(z=height_m / 2), "size": size, "bottom_scale": 1.0, "top_scale": 1.0, "color": shade}
 
 
+def cube(side_m: float, shade: Plain, x: float, y: float) -> Plain:
+    """Return a cube that stands on the floor."""
+    return {"pose": pose(x, y, side_m / 2), "size": vector(side_m, side_m, side_m), "color": shade}
+
+
 def text(words: str, z: float, shade: Plain, x: float = 0.0, y: float = 0.0) -> Plain:
     """Return *words* that always face who looks."""
     return {
@@ -199,19 +204,17 @@ def log(time: Time, level: int, name: str, message: str, file: str, line: int) -
     return {"timestamp": instant(time), "level": level, "message": message, "name": name, "file": file, "line": line}
 
 
-def layout(robots: Sequence[int], topics: Container[str] = ()) -> Plain:
-    """Return panels for *robots*, as Foxglove imports them: the floor, states, traffic, frames and events.
+def layout(names: Sequence[str], topics: Container[str] = ()) -> Plain:
+    """Return panels for the robots, and stations, of these *names*: the floor, states, traffic, frames and events.
 
-    Those of *topics* that only 802.11 has are shown, too.
+    They are as Foxglove imports them. Those of *topics* that only some runs have are shown, too.
     """
-    names = [f"robot_{robot}" for robot in robots]
+    shown = ("/map", "/walls", "/robots", "/radio/links", "/radio/jammers")
     panels = {
         "3D!floor": {
             "cameraState": {"perspective": False, "distance": 40, "phi": 0, "thetaOffset": 90},
             "followTf": FLOOR,
-            "topics": {
-                topic: {"visible": True} for topic in ("/map", "/walls", "/robots", "/radio/links", "/radio/jammers")
-            }
+            "topics": {topic: {"visible": True} for topic in (*shown, *("/stations",) * ("/stations" in topics))}
             | {"/radio/ranges": {"visible": False}},
         },
         "StateTransitions!radio": {

@@ -45,7 +45,7 @@ _LL_DATA_AT: Final = 4 + HEADER_OCTETS + 12
 
 
 def interface(radio: int) -> Interface:
-    """Return the interface of all robots' radios of that number."""
+    """Return the interface of all radios of that number."""
     return Interface(LINK_TYPE, f"radio {radio}", "Bluetooth Low Energy, all robots")
 
 

@@ -16,10 +16,12 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from cosim import __version__
+from cosim.channels.background import called
 from cosim.export import foxglove
 from cosim.export.foxglove import colour
 from cosim.export.lanes import WHOLE, packet_names, sendings, sensed_lanes
-from cosim.export.recording import DOWN, ROBOTS, UP, Recording
+from cosim.export.recording import DOWN, ROBOTS, STATION, UP, Recording
+from cosim.machine import Address
 from cosim.trace import drafted
 from cosim.units import S, Time, to_seconds
 
@@ -30,6 +32,7 @@ TOPICS: Final[dict[str, tuple[str, str]]] = {
     "/map": ("foxglove.Grid", "the floor as cells: walls dark; once"),
     "/walls": ("foxglove.SceneUpdate", "walls as lines; once"),
     "/robots": ("foxglove.SceneUpdate", "bodies and names; again when one goes down or up"),
+    "/stations": ("foxglove.SceneUpdate", "stations in the background, as grey cubes, and names; once"),
     "/radio/links": ("foxglove.SceneUpdate", "links of piconets, at each tick, until they are lost"),
     "/radio/ranges": ("foxglove.SceneUpdate", "rings as far as radios reach, if the channel says so; once"),
     "/radio/jammers": ("foxglove.SceneUpdate", "jammers, while they are on"),
@@ -43,7 +46,7 @@ TOPICS: Final[dict[str, tuple[str, str]]] = {
     "/robot_N/traffic": ("cosim.Traffic", "frames sent, received and lost, and payloads received, in the last second"),
     "/metrics": ("cosim.Metrics", "the metrics of the run, at its end"),
 }
-"""The topics, their schemas, and what is on them."""
+"""The topics, their schemas, and what is on them; those of robot N are also there of station N, as ``/station_N``."""
 _MOST_CELLS: Final = 1000
 """The most cells of the map's longer side."""
 
@@ -80,14 +83,20 @@ def write_mcap(recording: Recording, path: Path) -> int:
         _attach(writer, recording)
         writer.finish()
     with drafted(layout_path(path)) as draft:
-        draft.write_text(json.dumps(foxglove.layout(range(recording.size), channels), indent=1), encoding="utf-8")
+        names = [_name(recording, address) for address in recording.addresses]
+        draft.write_text(json.dumps(foxglove.layout(names, channels), indent=1), encoding="utf-8")
     return count
 
 
 def schema_of(topic: str) -> str:
     """Return the name of the schema of the messages on *topic*."""
     first, _, rest = topic[1:].partition("/")
-    return TOPICS[f"/robot_N/{rest}" if first.startswith("robot_") else topic][0]
+    return TOPICS[f"/robot_N/{rest}" if first.startswith(("robot_", "station_")) else topic][0]
+
+
+def _name(recording: Recording, address: Address) -> str:
+    """Return the name of who has *address* in topics and frames: robot_2, or station_0."""
+    return called(address, recording.size).replace(" ", "_")
 
 
 def _metadata(recording: Recording) -> dict[str, str]:
@@ -110,6 +119,7 @@ def messages(recording: Recording) -> Iterator[Message]:
     sources = (
         _floor(recording),
         _robots(recording),
+        _stations(recording),
         _moving(recording),
         _jammers(recording),
         _frames(recording),
@@ -194,13 +204,26 @@ def _robots(recording: Recording) -> Iterator[Message]:
             yield row["time_ns"], "/robots", foxglove.scene([body(row["time_ns"], row["source"], row["event"] in DOWN)])
 
 
+def _stations(recording: Recording) -> Iterator[Message]:
+    shade, ink = colour(STATION), colour("#000000")
+    entities = []
+    for number, (x, y) in enumerate(recording.stations.tolist()):
+        name = recording.called(recording.size + number)
+        cubes, texts = [foxglove.cube(0.3, shade, x, y)], [foxglove.text(name, 0.8, ink, x, y)]
+        entities.append(foxglove.entity(EPOCH, name, metadata={"station": number}, cubes=cubes, texts=texts))
+    if entities:
+        yield 0, "/stations", foxglove.scene(entities)
+
+
 def _moving(recording: Recording) -> Iterator[Message]:
-    """Yield what changes with each tick: the robots' places, and the links between them."""
+    """Yield what changes with each tick: the robots' places, and the links between them, and between stations."""
     times, poses = recording.poses()
+    stations = recording.stations.tolist()
     links = recording.links()
     drawn: set[str] = set()
-    for time, places in zip(times.tolist(), poses.tolist(), strict=True):
-        found = [foxglove.transform(EPOCH + time, f"robot_{robot}", *place) for robot, place in enumerate(places)]
+    for time, poses_now in zip(times.tolist(), poses.tolist(), strict=True):
+        found = [foxglove.transform(EPOCH + time, f"robot_{robot}", *pose) for robot, pose in enumerate(poses_now)]
+        places = poses_now + stations
         yield time, "/tf", {"transforms": found}
         entities = [
             foxglove.entity(
@@ -239,13 +262,13 @@ def _jammers(recording: Recording) -> Iterator[Message]:
 def _frames(recording: Recording) -> Iterator[Message]:
     names = packet_names(recording, 0, recording.end + 1)
     for number, (row, sending) in enumerate(zip(recording.rows("frames"), sendings(recording, "frames"), strict=True)):
-        receiver = "all" if row["destination"] < 0 else f"robot {row['destination']}"
+        receiver = "all" if row["destination"] < 0 else recording.called(row["destination"])
         outcome = f"{row['outcome']}{' in the ' + row['part'] if row['part'] else ''}"
         channel = f", channel {row['channel']}" if row["channel"] >= 0 else ""
         kind = names.get(sending, row["kind"])
         words = f"{kind} to {receiver}{channel}, {row['length']} B, {row['duration_ns'] / 1000:g} µs: {outcome}"
         level = foxglove.INFO if row["outcome"] in WHOLE else foxglove.WARNING
-        told = foxglove.log(EPOCH + row["time_ns"], level, f"robot_{row['source']}", words, "frames", number)
+        told = foxglove.log(EPOCH + row["time_ns"], level, _name(recording, row["source"]), words, "frames", number)
         yield row["time_ns"], "/radio/frames", told
 
 
@@ -269,8 +292,8 @@ def _events(recording: Recording) -> Iterator[Message]:
 
 
 def _radios(recording: Recording) -> Iterator[Message]:
-    """Yield what each robot's radios do, whenever that changes."""
-    changes: dict[int, list[_Change]] = {robot: [(0, 0, "", "")] for robot in range(recording.size)}
+    """Yield what the radios of each robot and station do, whenever that changes."""
+    changes: dict[int, list[_Change]] = {address: [(0, 0, "", "")] for address in recording.addresses}
     for row in recording.rows("intervals"):
         if row["robot"] >= 0:
             changes[row["robot"]] += [
@@ -280,7 +303,8 @@ def _radios(recording: Recording) -> Iterator[Message]:
     for begin, end, master, slave in recording.links():
         for robot, role, peer in ((master, "master", slave), (slave, "slave", master)):
             for time, change in ((begin, 1), (end, -1)):
-                changes[robot] += [(time, change, "role", role), (time, change, "peer", str(peer))]
+                name = str(peer) if peer < recording.size else recording.called(peer)
+                changes[robot] += [(time, change, "role", role), (time, change, "peer", name)]
     for row in recording.rows("events"):
         if row["event"] in DOWN | UP and row["source"] in changes:
             changes[row["source"]].append((row["time_ns"], 1 if row["event"] in DOWN else -1, "down", "down"))
@@ -288,7 +312,7 @@ def _radios(recording: Recording) -> Iterator[Message]:
         for time, on in _settled(found, recording.end):
             yield (
                 time,
-                f"/robot_{robot}/radio",
+                f"/{_name(recording, robot)}/radio",
                 {
                     "timestamp": foxglove.instant(EPOCH + time),
                     "state": " + ".join(on["state"]) or "idle",
@@ -301,7 +325,7 @@ def _radios(recording: Recording) -> Iterator[Message]:
 
 
 def _media(recording: Recording) -> Iterator[Message]:
-    """Yield for each robot with 802.11 whether its radios sense a busy or reserved medium, whenever that changes."""
+    """Yield for all with 802.11 whether their radios sense a busy or reserved medium, whenever that changes."""
     changes: dict[int, list[_Change]] = {}
     for lane in sensed_lanes(recording):
         found = changes.setdefault(lane.robot, [(0, 0, "", "")])
@@ -310,7 +334,8 @@ def _media(recording: Recording) -> Iterator[Message]:
     for robot, found in changes.items():
         for time, on in _settled(found, recording.end):
             state = " + ".join(on["state"]) or "idle"
-            yield time, f"/robot_{robot}/medium", {"timestamp": foxglove.instant(EPOCH + time), "state": state}
+            topic = f"/{_name(recording, robot)}/medium"
+            yield time, topic, {"timestamp": foxglove.instant(EPOCH + time), "state": state}
 
 
 _Change = tuple[Time, int, str, str]
@@ -332,7 +357,7 @@ def _settled(changes: list[_Change], last: Time) -> Iterator[tuple[Time, Mapping
 
 
 def _traffic(recording: Recording) -> Iterator[Message]:
-    """Yield for each robot and second how much it has sent and received in it."""
+    """Yield for each robot and station, and each second, how much it has sent and received in it."""
     counts: Counter[tuple[int, int, str]] = Counter()
     sent: set[tuple[Time, int, int, str]] = set()
     if recording.count("frames"):
@@ -357,12 +382,14 @@ def _traffic(recording: Recording) -> Iterator[Message]:
     if recording.count("messages"):
         columns = [recording.column("messages", name).tolist() for name in ("time_ns", "source")]
         counts.update((robot, time // S, "payloads_received") for time, robot in zip(*columns, strict=True))
-    names = ("frames_sent", "frames_received", "frames_lost", "payloads_received")
-    for robot in range(recording.size):
+    of_all = ("frames_sent", "frames_received", "frames_lost")
+    for address in recording.addresses:
+        topic = f"/{_name(recording, address)}/traffic"
+        names = (*of_all, "payloads_received") if address < recording.size else of_all  # a station has no machine
         for second in range(recording.end // S):
             time = (second + 1) * S
-            numbers = {name: counts[robot, second, name] for name in names}
-            yield time, f"/robot_{robot}/traffic", {"timestamp": foxglove.instant(EPOCH + time), **numbers}
+            numbers = {name: counts[address, second, name] for name in names}
+            yield time, topic, {"timestamp": foxglove.instant(EPOCH + time), **numbers}
 
 
 def _metrics(recording: Recording) -> Iterator[Message]:

@@ -1,8 +1,8 @@
 """The lanes of a run in the trace-event format, which ui.perfetto.dev opens.
 
-A process is a robot, a thread a lane of it. Slices of one thread must nest: what overlaps otherwise, such as two frames
-of different senders at one receiver, stands on a thread of its own beside it. Times are microseconds of simulated time,
-exact to the nanosecond.
+A process is a robot, or a station in the background, a thread a lane of it. Slices of one thread must nest: what
+overlaps otherwise, such as two frames of different senders at one receiver, stands on a thread of its own beside it.
+Times are microseconds of simulated time, exact to the nanosecond.
 """
 
 import gzip
@@ -55,9 +55,9 @@ def events(recording: Recording) -> Iterator[Event]:
     """Yield the records: names, then slices, flows, instants and counters."""
     names = packet_names(recording, 0, recording.end + 1)
     found = [with_names(recording, lane, names) for lane in lanes(recording)]
-    robots = sorted({lane.robot for lane in found} | set(range(recording.size)), key=lambda robot: robot % (1 << 62))
+    robots = sorted({lane.robot for lane in found} | set(recording.addresses), key=lambda robot: robot % (1 << 62))
     for rank, robot in enumerate(robots):
-        yield _named("process_name", _process(robot), 0, name=f"robot {robot}" if robot >= 0 else "jammers")
+        yield _named("process_name", _process(robot), 0, name=recording.called(robot))
         yield _named("process_sort_index", _process(robot), 0, sort_index=rank)
     threads: Counter[int] = Counter()
     placed: dict[tuple[str, int], tuple[int, int]] = {}

@@ -8,7 +8,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cosim.arrays import Floats, Int64s
+from cosim.channels.background import called
 from cosim.errors import UserError
+from cosim.intervals import link_of
+from cosim.machine import Address, Role
 from cosim.trace import (
     FRAMES,
     INTERVALS,
@@ -37,6 +40,8 @@ ROBOTS: Final = (
     *("#1f599d", "#b58511", "#e25389", "#491a2d", "#4495c3", "#995b3e", "#805cde", "#83290b", "#52465a", "#18227a"),
 )
 """Colours of robots 0, 1, ..., those of the pages in light; their numbers tell them apart where there are more."""
+STATION: Final = "#8a8a8a"
+"""Colour of stations in the background."""
 
 
 class Jammer(NamedTuple):
@@ -60,12 +65,25 @@ class Recording:
         self.scene = dict(scene)
         self.metadata = dict(metadata)
         self.size = len(self.scene["radii_m"])
+        """Number of robots."""
+        places = [station["place_m"] for station in self.scene.get("stations", ())]
+        self.stations: Floats = np.array(places, dtype=np.float64).reshape(-1, 2)
+        """Where the stations in the background are, m (stations, 2); their addresses come after those of the robots."""
         self.scenario: dict[str, Any] = json.loads(self.metadata.get("scenario", "{}"))
 
     @property
     def title(self) -> str:
         """The scenario's name and the seed."""
         return f"{self.scene.get('name', 'run')}, seed {self.metadata.get('seed', self.scene.get('seed'))}"
+
+    @property
+    def addresses(self) -> range:
+        """Those of all robots, and then of the stations."""
+        return range(self.size + len(self.stations))
+
+    def called(self, address: Address) -> str:
+        """Return what people call who has *address*: robot 2, or station 0; jammers have none."""
+        return called(address, self.size) if address >= 0 else "jammers"
 
     @property
     def end(self) -> Time:
@@ -114,7 +132,14 @@ class Recording:
         return self.column("poses", "time_ns")[:: self.size], np.stack(columns, axis=1).reshape(-1, self.size, 3)
 
     def places(self, now: Time) -> Floats:
-        """Return x, y, heading of each robot *now* (robots, 3), on the line from one tick to the next."""
+        """Return x, y, heading of each robot *now*, on the line from one tick to the next, and of each station.
+
+        Of shape (robots + stations, 3): by address. A station has no heading.
+        """
+        still = np.column_stack((self.stations, np.zeros(len(self.stations))))
+        return np.vstack((self._robots_places(now), still))
+
+    def _robots_places(self, now: Time) -> Floats:
         times, poses = self.poses()
         if not len(times):
             return np.zeros((self.size, 3))
@@ -141,7 +166,10 @@ class Recording:
         return down
 
     def links(self) -> list[tuple[Time, Time, int, int]]:
-        """Return the links between robots: begin, end (the run's, if it was never lost), master, slave."""
+        """Return the links between robots: begin, end (the run's, if it was never lost), master, slave.
+
+        Those between stations are among them.
+        """
         opened: dict[tuple[int, int, int], Time] = {}
         found = []
         for row in self.rows("links"):
@@ -153,7 +181,20 @@ class Recording:
                 for pair in ((robot, peer), (peer, robot)):
                     if (*pair, radio) in opened:
                         found.append((opened.pop((*pair, radio)), row["time_ns"], *pair))
-        return sorted(found + [(begin, self.end + 1, *link[:2]) for link, begin in opened.items()])
+        found += [(begin, self.end + 1, *link[:2]) for link, begin in opened.items()]
+        return sorted(found + self._stations_links())
+
+    def _stations_links(self) -> list[tuple[Time, Time, int, int]]:
+        """Return the links between stations, whose hosts tell no news: as their radios know them."""
+        found = []
+        addresses, states = self.column("intervals", "robot"), self.column("intervals", "state")
+        begins, ends, details = (self.column("intervals", name) for name in ("start_ns", "end_ns", "detail"))
+        for row in np.flatnonzero(addresses >= self.size).tolist():
+            link = link_of(states[row], details[row])
+            if link is not None and link.role == Role.MASTER.value:
+                end = int(ends[row]) if ends[row] < self.end else self.end + 1
+                found.append((int(begins[row]), end, int(addresses[row]), link.other))
+        return found
 
     def jammers(self) -> list[Jammer]:
         """Return the times at which the scenario's jammers are on the air, in their order."""

@@ -1,4 +1,4 @@
-"""The floor at an instant: walls, robots and their ways, links, jammers, and frames that are on the air."""
+"""The floor at an instant: walls, robots and their ways, stations, links, jammers, and frames that are on the air."""
 
 from typing import Any, Final
 
@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, Polygon
 
-from cosim.export.recording import ROBOTS, Recording
+from cosim.export.recording import ROBOTS, STATION, Recording
 from cosim.picture.colours import is_lost, look
 from cosim.picture.seen import seen_floor
 from cosim.picture.window import Box
@@ -57,10 +57,12 @@ def draw_floor(
             plot.plot(ax, ay, "o", markersize=13, markerfacecolor="none", color="#888888", alpha=0.6, zorder=3)
     _draw_trails(plot, recording, now, TRAIL)
     down = recording.down(now)
-    for robot, (x, y, heading) in enumerate(places):
+    for robot, (x, y, heading) in enumerate(places[: recording.size]):
         _draw_robot(
             plot, robot, (x, y, heading), max(scene["radii_m"][robot], _LEAST_SHARE * columns * size), robot in down
         )
+    for number, (x, y) in enumerate(recording.stations):
+        _draw_station(plot, number, x, y)
     for box in on_air:
         if box.peer >= 0:
             _draw_frame(plot, box, places)
@@ -85,6 +87,11 @@ def _draw_robot(plot: Any, robot: int, pose: tuple[float, float, float], radius:
         plot.annotate(str(robot), (x, y), (9, 6), textcoords="offset points", fontsize=7, zorder=8)
     else:
         plot.text(x, y, str(robot), color=ink, fontsize=7, ha="center", va="center_baseline", weight="bold", zorder=8)
+
+
+def _draw_station(plot: Any, number: int, x: float, y: float) -> None:
+    plot.plot(x, y, "s", markersize=5, color=STATION, markeredgecolor="#000000", markeredgewidth=0.6, zorder=6)
+    plot.annotate(f"s{number}", (x, y), (5, 4), textcoords="offset points", fontsize=7, zorder=8)
 
 
 def _draw_frame(plot: Any, box: Box, places: Any) -> None:

@@ -93,7 +93,7 @@ def _figure(recording: Recording, view: View, seen: Sequence[Box]) -> Figure:
         digits = 6 if len(moments) == 1 else 0
         name = f"{recording.scene.get('name', '')} at " if column == 0 else ""
         plot.set_title(f"{name}{moment / S:.{digits}f} s", fontsize=9, loc="left")
-    draw_slots(plots[0], seen, lines, (view.begin, view.end), view.at)
+    draw_slots(plots[0], recording, seen, lines, (view.begin, view.end), view.at)
     if channels:
         _draw_channels(plots[1], view, seen)
     if marks:

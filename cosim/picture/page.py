@@ -116,6 +116,7 @@ def packed(recording: Recording, span: tuple[Time, Time]) -> tuple[bytes, int]:
         "digest": recording.metadata.get("digest", ""),
         "span": [str(time) for time in span],
         "scene": {name: recording.scene[name] for name in ("bounds_m", "walls_m", "polygons_m", "radii_m")},
+        "stations": recording.stations.tolist(),
         "robots": [ROBOTS[robot % len(ROBOTS)] for robot in range(recording.size)],
         "links": [[begin, end, master, slave] for begin, end, master, slave in recording.links()],
         "jammers": [[each.x_m, each.y_m, each.begin, each.end] for each in recording.jammers()],

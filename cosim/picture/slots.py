@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Patch, Rectangle
 
 from cosim.export.lanes import HEARD, SENT, STATES
+from cosim.export.recording import Recording
 from cosim.picture.colours import LOST_HATCH, STATE_INK, is_lost, look, state_fill
 from cosim.picture.window import Box
 from cosim.units import MS, US, S, Time
@@ -37,7 +38,7 @@ class Lines(NamedTuple):
 
 
 def lines_of(room: Sequence[Box]) -> Lines:
-    """Return lines with room for the boxes *room*: robots in order, jammers last."""
+    """Return lines with room for the boxes *room*: robots in order, then stations, jammers last."""
     strips: dict[Box, int] = {}
     tops, at = {}, 0.0
     for robot in sorted({box.robot for box in room}, key=lambda robot: robot % (1 << 62)):
@@ -55,8 +56,10 @@ def lines_of(room: Sequence[Box]) -> Lines:
     return Lines(tops, strips, 0.1 - at)
 
 
-def draw_slots(plot: Any, seen: Sequence[Box], lines: Lines, span: tuple[Time, Time], now: Time | None = None) -> None:
-    """Draw into *plot* the boxes *seen* on *lines* in the *span* of time, with a mark at *now*."""
+def draw_slots(
+    plot: Any, recording: Recording, seen: Sequence[Box], lines: Lines, span: tuple[Time, Time], now: Time | None = None
+) -> None:
+    """Draw into *plot* the boxes *seen* of *recording* on *lines* in the *span* of time, with a mark at *now*."""
     begin, end = span
     unit, origin, name = time_axis(begin, end)
     strips, tops = lines.strips, lines.tops
@@ -80,8 +83,8 @@ def draw_slots(plot: Any, seen: Sequence[Box], lines: Lines, span: tuple[Time, T
         plot.axvline(x(now), color="#d00000", linewidth=0.9, zorder=6)
     for robot, line in tops.items():
         plot.axhline(line, color="#777777", linewidth=0.6, zorder=1)
-        plot.text(-0.012, line, f"robot {robot}" if robot >= 0 else "jammers", transform=plot.get_yaxis_transform(),
-                  ha="right", va="center", fontsize=8)  # fmt: skip
+        where = plot.get_yaxis_transform()
+        plot.text(-0.012, line, recording.called(robot), transform=where, ha="right", va="center", fontsize=8)
     plot.set(xlim=(x(begin), x(end)), ylim=(0.55 - lines.height, 0.55))
     plot.set_yticks([])
     for side in ("left", "right", "top"):

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
+from cosim.channels.background import called
 from cosim.intervals import LINKED, STATES
 from cosim.machine import Role
 from cosim.timeline.sections import WHOLE, Section
@@ -157,7 +158,8 @@ class Named(NamedTuple):
     """Of what a lane is, and where it stands."""
 
     robot: int
-    """-1 for jammers and walls of loss, and where it is about an RF channel."""
+    """Its address, if it is a station in the background; -1 for jammers and walls of loss, and where it is about an RF
+    channel."""
     radio: int
     """-1 for the robot itself."""
     what: str
@@ -170,18 +172,17 @@ class Named(NamedTuple):
     channel: int = NOWHERE
     """RF channel k, 2402 + k MHz, of whose frames it is."""
 
-    @property
-    def name(self) -> str:
-        """What people call it."""
+    def called(self, robots: int) -> str:
+        """Return what people call it where there are so many *robots*, and after them stations, of one radio each."""
         if self.channel != NOWHERE:
             return f"channel {self.channel}" + (f", radio {self.radio}" if self.several else "")
         if self.what == PICONET:
             radio = f", radio {self.radio}" if self.several else ""
-            return f"piconet of robot {self.robot}{radio}: robot {self.row}"
+            return f"piconet of {called(self.robot, robots)}{radio}: {called(self.row, robots)}"
         if self.robot < 0:
             return "jammers and walls" + (f" {self.row + 1}" if self.row else "")
-        who = f"robot {self.robot}"
-        radio = f", radio {self.radio}" if self.several and self.radio >= 0 else ""
+        who = called(self.robot, robots)
+        radio = f", radio {self.radio}" if self.several and self.radio >= 0 and self.robot < robots else ""
         what = "host" if self.radio < 0 and self.what == "states" else self.what
         return f"{who}{radio}: {what}" + (f" {self.row + 1}" if self.row else "")
 

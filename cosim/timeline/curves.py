@@ -17,6 +17,8 @@ from cosim.timeline.lanes import Array, Boxes, Lane
 from cosim.timeline.queues import NO_QUEUES, Queue, Queues
 from cosim.units import S, Time
 
+ROBOTS_ONLY: Final = 1 << 31
+"""A number of robots that no address reaches: where there are no stations."""
 _BLOCK: Final = 4096
 """Boxes that are looked at together for the packet before the window."""
 
@@ -81,6 +83,16 @@ class Drawn(NamedTuple):
     codes: Codes
     series: SeriesOfRun = MappingProxyType({})
     queues: Queues = NO_QUEUES
+    robots: int = ROBOTS_ONLY
+    """Number of robots: addresses from there on are those of stations in the background."""
+
+    def of(self, robot: int | None) -> list[Lane]:
+        """Return the lanes of *robot*, or of a station; for None those of the team, and of nobody."""
+        return [
+            lane
+            for lane in self.lanes
+            if (lane.named.robot < self.robots if robot is None else lane.named.robot == robot)
+        ]
 
 
 def curves(drawn: Drawn) -> list[Curve]:
@@ -146,8 +158,8 @@ def values(name: str, drawn: Drawn, parts: Parts, robot: int | None) -> Values |
         return None if series is None else _averaged(series, parts)
     for curve, of_queue in _OF_QUEUES:
         if name == curve.name:
-            return of_queue(drawn.queues.of(robot), parts) if drawn.queues else None
-    lanes = [lane for lane in drawn.lanes if robot is None or lane.named.robot == robot]
+            return of_queue(drawn.queues.of(robot, drawn.robots), parts) if drawn.queues else None
+    lanes = drawn.of(robot)
     if name == _POLLS.name:
         return _gaps(drawn, lanes, parts)
     make = _MAKERS.get(name if not kind else group)

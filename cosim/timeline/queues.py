@@ -51,12 +51,12 @@ class Queues:
     def __bool__(self) -> bool:
         return len(self._held) > 0 or len(self._columns.get(COLUMNS[0], ())) > 0
 
-    def _of(self, robot: int | None) -> Queue:
-        """Return the queue of *robot*; of all together for None."""
+    def _of(self, robot: int | None, robots: int) -> Queue:
+        """Return the queue of *robot*; for None that of all *robots* together, whose addresses come first."""
         more = np.array([[row[at] for at in _PLACES] for row in self._held], dtype=np.int64).reshape(-1, len(_PLACES))
         told = (np.array(self._columns.get(name, ()), dtype=np.int64) for name in COLUMNS)
         rows = np.concatenate((np.stack(list(told), axis=1), more))
-        _, accepted, begun, ended = (rows if robot is None else rows[rows[:, 0] == robot]).T
+        _, accepted, begun, ended = rows[rows[:, 0] < robots if robot is None else rows[:, 0] == robot].T
         on_air = np.flatnonzero(begun != NEVER)
         on_air = on_air[np.argsort(begun[on_air], kind="stable")]
         return Queue(np.sort(accepted), np.sort(ended), begun[on_air], begun[on_air] - accepted[on_air])

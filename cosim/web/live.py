@@ -208,7 +208,7 @@ class Live:
         """The last tick, where all robots were (n, 3), and how the frames of their odometry were turned (n,)."""
         self._answers = Rolling(_ANSWERS)
         drawn = [table for table in self._simulation.trace.tables.values() if table not in BELIEFS]
-        self._timeline = Grown(drawn, partial(frame_said, scenario), dump(scenario)["channel"])
+        self._timeline = Grown(drawn, partial(frame_said, scenario), dump(scenario)["channel"], self._team)
         self._ending: Plain | None = None
         self._failure = ""
         self._simulation.begin()

@@ -1,7 +1,8 @@
 """How far a robot is heard: on a floor, what arrives from it at each place of a coarse grid, or a radius.
 
-That is what the channel's law says of distance and walls, as a scene has it. Shadowing is not in it, which is one value
-for each pair of robots, nor are walls of loss that faults put up.
+So it is for a station in the background, which has an address, too. That is what the channel's law says of distance and
+walls, as a scene has it. Shadowing is not in it, which is one value for each pair of robots, nor are walls of loss that
+faults put up.
 """
 
 import math
@@ -15,11 +16,10 @@ from cosim.channels.bluetooth.bits.powers import POWER_DBM, noise_dbm
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import NEAREST_M, PropagationSettings
-from cosim.channels.radios import RadiosSettings
 from cosim.channels.vision import OpticalSettings
 from cosim.errors import UserError
 from cosim.geometry.segments import crossed_weight
-from cosim.scenario import TeamSettings
+from cosim.scenario import Scenario
 from cosim.web.messages import Plain
 
 CELLS: Final = 64
@@ -30,42 +30,46 @@ _OPAQUE_DB: Final = 1000
 _UNIT_DB: Final = 0.001
 
 
-def radios_of(settings: ChannelSettings, team: TeamSettings) -> list[Plain]:
-    """Return what a scene tells of the reach of each radio.
+def radios_of(scenario: Scenario) -> list[Plain]:
+    """Return what a scene tells of the reach of each radio; by address: of the robots, and of stations after them.
 
-    ``range_m`` of each robot (None: without limit, or decided by the law), ``law``: None, or reference_db, exponent and
-    whether walls count; ``power_dbm`` of each robot and ``faintest_dbm`` go with a law; ``carried``: by whom.
+    ``range_m`` of each (None: without limit, or decided by the law), ``law``: None, or reference_db, exponent and
+    whether walls count; ``power_dbm`` of each and ``faintest_dbm`` go with a law; ``carried``: by whom.
     """
-    parts = settings.radios if isinstance(settings, RadiosSettings) else (settings,)
-    carried = [[robot for robot, own in enumerate(team.carried) if radio in own] for radio in range(len(parts))]
-    return [_radio(part, team) | {"carried": by} for part, by in zip(parts, carried, strict=True)]
+    everyone = (*scenario.team.carried, *((station.radio,) for station in scenario.stations))
+    return [
+        _radio(part, scenario) | {"carried": [address for address, own in enumerate(everyone) if radio in own]}
+        for radio, part in enumerate(scenario.radios)
+    ]
 
 
-def _radio(settings: ChannelSettings, team: TeamSettings) -> Plain:
-    ranges = _own(team.reaches_m, getattr(settings, "range_m", None))
+def _radio(settings: ChannelSettings, scenario: Scenario) -> Plain:
+    team, stations = scenario.team, len(scenario.stations)
+    ranges = _own(team.reaches_m, stations, getattr(settings, "range_m", None))
     about: Plain = {"kind": settings.kind, "range_m": ranges, "law": None}
     match settings:
         case OpticalSettings():
             return (
                 about
                 | {"law": {"reference_db": 0.0, "exponent": 0.0, "walls": "opaque"}}
-                | _faint([0.0] * team.size, -1.0)
+                | _faint([0.0] * (team.size + stations), -1.0)
             )
         case AdhocSettings(propagation=PropagationSettings() as fading):
-            powers = _own(team.powers_dbm, settings.power_dbm)
+            powers = _own(team.powers_dbm, stations, settings.power_dbm)
             return about | {"law": _law(fading)} | _faint(powers, settings.detection_dbm)
         case BleSettings(propagation=PropagationSettings() as fading):
-            powers = _own(team.powers_dbm, settings.power_dbm)
+            powers = _own(team.powers_dbm, stations, settings.power_dbm)
             return about | {"law": _law(fading)} | _faint(powers, settings.sensitivity_dbm)
         case BluetoothSettings(propagation=PropagationSettings() as fading):
-            powers = [POWER_DBM[number] for number in _own(team.power_classes, settings.power_class)]
+            powers = [POWER_DBM[number] for number in _own(team.power_classes, stations, settings.power_class)]
             faintest = settings.noise_dbm + settings.sensitivity_dbm - noise_dbm(settings.sensitivity_dbm)
             return about | {"law": _law(fading)} | _faint(powers, faintest)
     return about
 
 
-def _own(own: Any, usual: Any) -> list[Any]:
-    return [usual if value is None else value for value in own]
+def _own(own: Any, stations: int, usual: Any) -> list[Any]:
+    """Return what robots have of their *own*, or else the *usual*, and that for each of the *stations*."""
+    return [usual if value is None else value for value in (*own, *(None,) * stations)]
 
 
 def _law(law: PropagationSettings) -> Plain:
@@ -80,11 +84,11 @@ def _faint(powers_dbm: list[float], faintest_dbm: float) -> Plain:
 def reach(scene: Plain, robot: int, place_m: tuple[float, float]) -> Plain:
     """Return how far *robot* is heard from a place of *scene*: the message ``reach``, a row for each of its radios.
 
-    A row has ``radio``, ``kind`` and ``range_m`` (None: no limit is known); by a law also ``corner_m``, ``cell_m``,
-    ``columns``, ``rows``, ``faintest_dbm`` and ``power_dbm``, whole dBm in the middle of each cell, row by row from the
-    corner on. Raise UserError for a robot that there is not.
+    It may be the address of a station in the background. A row has ``radio``, ``kind`` and ``range_m`` (None: no limit
+    is known); by a law also ``corner_m``, ``cell_m``, ``columns``, ``rows``, ``faintest_dbm`` and ``power_dbm``, whole
+    dBm in the middle of each cell, row by row from the corner on. Raise UserError for a robot that there is not.
     """
-    if not 0 <= robot < len(scene["radii_m"]):
+    if not 0 <= robot < len(scene["radii_m"]) + len(scene.get("stations", ())):
         raise UserError(f"there is no robot {robot}: the team has robots 0 to {len(scene['radii_m']) - 1}")
     radios = [
         {"radio": number, "kind": radio["kind"], "range_m": radio["range_m"][robot]}

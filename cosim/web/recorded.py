@@ -86,7 +86,8 @@ class Recorded:
         series = {} if metrics is None else series_of(_columns(metrics))
         payloads = _table(folder, PAYLOADS.name, StoredTable)
         queues = Queues({} if payloads is None else {name: payloads.column(name) for name in COLUMNS})
-        self._timeline = Kept(opened(folder, told, say), folder, _decoding(poses.metadata), series, queues)
+        robots, decode = self._poses.shape[1], _decoding(poses.metadata)
+        self._timeline = Kept(opened(folder, told, say), folder, decode, series, queues, robots)
         self._scanner = cache(lambda: Scanner(self._scene))
         self.clock = Clock(end, wall, playing)
         """Its time; a run beside it may go by the same."""

@@ -1,4 +1,8 @@
-"""The scene of a run, which does not change during it: the floor, the robots' sizes, the names of things."""
+"""The scene of a run, which does not change during it: the floor, the robots' sizes, the names of things.
+
+``stations`` are those in the background, each with its place and the number of its radio: the first has the address
+after that of the last robot, and so on.
+"""
 
 import json
 from pathlib import Path
@@ -40,7 +44,8 @@ def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
         "radii_m": [body.radius_m for body in scenario.team.bodies],
         "slot_ns": _slot(scenario.channel),
         "wall_losses_db": np.round(floor.wall_loss_db, 3).tolist(),
-        "radios": radios_of(scenario.channel, scenario.team),
+        "radios": radios_of(scenario),
+        "stations": [{"place_m": list(each.place_m), "radio": each.radio} for each in scenario.stations],
         "scanner": _scanner(scenario, seed),
     }
 

@@ -36,7 +36,7 @@ from cosim.settings import Settings
 from cosim.timeline.assembly import lost_codes, span_of
 from cosim.timeline.beside import beside
 from cosim.timeline.codes import CARRIER_SENSE, CHANNEL, ORDER, PICONET, Codes
-from cosim.timeline.curves import Drawn, Parts, SeriesOfRun, curves, values
+from cosim.timeline.curves import ROBOTS_ONLY, Drawn, Parts, SeriesOfRun, curves, values
 from cosim.timeline.detail import Decode, Row, Tables, detail, plain
 from cosim.timeline.growing import Growing, Rows
 from cosim.timeline.index import Files, Index
@@ -222,8 +222,7 @@ class Answers:
         start, end = int(asked.from_ns), int(asked.to_ns)
         if end <= start:
             raise UserError("region: expected from_ns < to_ns")
-        chosen = [lane for lane in self._lanes if asked.robot in (None, lane.named.robot)]
-        found = region(chosen, start, end, self._lost)
+        found = region(self._drawn.of(asked.robot), start, end, self._lost)
         in_order = sorted(found.sums.items(), key=lambda item: (ORDER.index(item[0][0]), item[0][1]))
         sums = [
             {"what": what, "kind": kind, "count": each.number, "lost": each.lost, "time_ns": str(each.time)}
@@ -298,9 +297,11 @@ class Kept:
         decode: Decode | None = None,
         series: SeriesOfRun = MappingProxyType({}),
         queues: Queues = NO_QUEUES,
+        robots: int = ROBOTS_ONLY,
     ) -> None:
+        """*robots*: how many there are, stations in the background not counted."""
         self.index = index
-        drawn = Drawn(index.lanes, index.codes, series, queues)
+        drawn = Drawn(index.lanes, index.codes, series, queues, robots)
         self._answers = Answers(drawn, Files(folder), decode)
         self._message = lanes_message(drawn, *span_of(index.lanes))
         self._lock = Lock()
@@ -318,10 +319,17 @@ class Kept:
 class Grown:
     """The timeline of a run that is under way: one thread adds to it, others ask."""
 
-    def __init__(self, tables: Iterable[Table], decode: Decode | None = None, channel: Any = None) -> None:
-        """*channel*: that of the scenario, as plain data."""
+    def __init__(
+        self,
+        tables: Iterable[Table],
+        decode: Decode | None = None,
+        channel: Any = None,
+        robots: int = ROBOTS_ONLY,
+    ) -> None:
+        """*channel*: that of the scenario, as plain data; *robots*: how many there are, stations not counted."""
         self._growing = Growing(tables, radios=adhoc_radios(channel), low_energy=parts_of(channel, LOW_ENERGY))
         self._decode = decode
+        self._robots = robots
         self._lock = Lock()
 
     def take(self, new: Mapping[str, Rows], present: Present) -> None:
@@ -332,9 +340,8 @@ class Grown:
     def told(self, known: Known | None) -> tuple[Row | None, Known]:
         """Return the message ``lanes`` if there are others than a page knows."""
         with self._lock:
-            growing = self._growing
-            lanes, codes = growing.lanes, growing.codes
-            drawn = Drawn(lanes, codes, growing.series, growing.queues)
+            growing, drawn = self._growing, self._drawn
+            lanes, codes = drawn.lanes, drawn.codes
             counts = len(lanes), len(codes.kinds), len(codes.outcomes)
             news = *counts, growing.forgotten, len(drawn.series), int(bool(drawn.queues))
             if news == known:
@@ -345,9 +352,12 @@ class Grown:
     def answer(self, question: Question) -> bytes | Row:
         """Answer a page; raise UserError, one line, for what cannot be asked."""
         with self._lock:
-            growing = self._growing
-            drawn = Drawn(growing.lanes, growing.codes, growing.series, growing.queues)
-            return Answers(drawn, growing, self._decode).answer(question)
+            return Answers(self._drawn, self._growing, self._decode).answer(question)
+
+    @property
+    def _drawn(self) -> Drawn:
+        growing = self._growing
+        return Drawn(growing.lanes, growing.codes, growing.series, growing.queues, self._robots)
 
 
 def _numbered(asked: AskBox | AskNext) -> Row:
@@ -370,7 +380,7 @@ def lanes_message(drawn: Drawn, first: Time, last: Time, forgotten: int = 0) -> 
             "radio": named.radio,
             "what": named.what,
             "stacked": named.row,
-            "name": named.name,
+            "name": named.called(drawn.robots),
             "channel": named.channel,
         }
         for number in numbers

@@ -81,7 +81,7 @@ def test_a_recorded_link_has_the_other_robot_as_its_peer(tmp_path: Path) -> None
         assert peers(index.lanes, index.codes.kinds) == OTHERS | OVER
         assert members(index.lanes, index.codes.kinds) == MEMBERS_OVER
     last = index.lanes[-1].named  # below the robots
-    assert (last.what, last.name) == ("piconet", "piconet of robot 12: robot 15")
+    assert (last.what, last.called(16)) == ("piconet", "piconet of robot 12: robot 15")
 
 
 LE_OVER = {(MASTER, "central", 300, 3), (3, "peripheral", 300, MASTER), (MASTER, "initiating", 5, -1)}

@@ -104,7 +104,7 @@ def test_what_is_busy_and_reserved_is_what_one_works_out_by_hand(tmp_path: Path)
         (3, 0): [(27_000, 36_000, 1, 1), (92_000, 100_000, 3, 1)],
     }
     assert silences(index, "NAV") == {(2, 0): [(14_000, 104_000, 0, 0)], (3, 0): [(36_000, 96_000, 1, 1)]}
-    assert [lane.named.name for lane in index.lanes if lane.named.robot == 3] == ["robot 3: busy", "robot 3: NAV"]
+    assert [lane.named.called(4) for lane in index.lanes if lane.named.robot == 3] == ["robot 3: busy", "robot 3: NAV"]
     assert all(kind["meaning"] for kind in index.codes.plain["kinds"])
 
 

@@ -80,6 +80,12 @@ function place(robot, time) {
   return poses[robot].map((axis, number) => (axis[before] + part * (axis[after] - axis[before])) * steps[number]);
 }
 
+function called(address) {  // stations have the addresses after those of the robots
+  return address < run.robots.length ? `robot ${address}` : `station ${address - run.robots.length}`;
+}
+
+function short(address) { return address < run.robots.length ? address : `s${address - run.robots.length}`; }
+
 function layOut() {
   // a group of lanes for each robot and radio: what it sends above its line, what it hears below, its states under that
   groups = [];
@@ -94,7 +100,7 @@ function layOut() {
   const several = groups.some((group) => group.radio > 0);
   for (const group of groups) {
     group.line = y + HIGH + 2;
-    group.name = group.robot < 0 ? "jammers" : `robot ${group.robot}` + (several ? `.${group.radio}` : "");
+    group.name = group.robot < 0 ? "jammers" : called(group.robot) + (several && group.robot < run.robots.length ? `.${group.radio}` : "");
     for (const lane of group.lanes) { lane.y = lane.what === "sent" ? group.line - HIGH : group.line; lane.high = HIGH; }
     group.states.forEach((lane, number) => { lane.y = group.line + HIGH + 3 + number * STRIP; lane.high = STRIP - 2; });
     y += LANE - 8 + group.states.length * STRIP;
@@ -156,7 +162,7 @@ function drawFloor() {
     pen.fillStyle = style("--text");
     pen.fillText(on ? "jammer" : "jammer, off", X(x) + 9, Y(y) + 16);
   }
-  const places = run.robots.map((_, robot) => place(robot, now));
+  const places = [...run.robots.map((_, robot) => place(robot, now)), ...run.stations];  // by address
   pen.strokeStyle = style("--line");
   pen.lineWidth = 4;
   for (const [begin, end, master, slave] of run.links) if (begin <= now && now < end) {
@@ -167,6 +173,12 @@ function drawFloor() {
   }
   drawTrails(pen, X, Y);
   drawOnAir(pen, places, X, Y);
+  run.stations.forEach(([x, y], number) => {
+    pen.fillStyle = style("--quiet");
+    pen.fillRect(X(x) - 5, Y(y) - 5, 10, 10);
+    pen.fillStyle = style("--text");
+    pen.fillText(short(run.robots.length + number), X(x) + 8, Y(y) - 6);
+  });
   run.robots.forEach((colour, robot) => {
     const [x, y, heading] = places[robot], radius = Math.max(9, run.scene.radii_m[robot] * scale);
     pen.fillStyle = colour;
@@ -366,18 +378,19 @@ function choose(lane, row, centre) {
   chosen = { lane, row };
   now = lane.starts[row];
   if (centre && (now < view.from || now + lane.lengths[row] > view.to)) show(now - (view.to - view.from) / 2, view.to - view.from);
-  const fields = [["kind", word(lane.kinds[row])], ["robot", `${lane.robot}, ${lane.what}`],
+  const [who, number] = called(lane.robot).split(" ");
+  const fields = [["kind", word(lane.kinds[row])], [who, `${number}, ${lane.what}`],
     ["begins", `${(now / 1e9).toFixed(9)} s`], ["lasts", `${lane.lengths[row] / 1000} µs, ${(lane.lengths[row] / 625000).toFixed(3)} slots`]];
   if (lane.what !== "states") fields.push(["outcome", word(lane.outcomes[row])]);
-  if (lane.sources && lane.what !== "sent") fields.push(["from", `robot ${lane.sources[row]}`]);
-  if (lane.peers && lane.what === "sent") fields.push(["to", lane.peers[row] < 0 ? "all" : `robot ${lane.peers[row]}`]);
+  if (lane.sources && lane.what !== "sent") fields.push(["from", called(lane.sources[row])]);
+  if (lane.peers && lane.what === "sent") fields.push(["to", lane.peers[row] < 0 ? "all" : called(lane.peers[row])]);
   if (lane.channels && lane.channels[row] >= 0) fields.push(["RF channel", `${lane.channels[row]}, ${2402 + lane.channels[row]} MHz`]);
   if (lane.sizes) fields.push(["payload", `${lane.sizes[row]} B`]);
   for (const name of ["part", "detail"]) if (lane[name] && textOf(lane[name], row)) fields.push([name === "part" ? "lost part" : name, textOf(lane[name], row)]);
   const source = lane.what === "sent" ? lane.robot : lane.sources ? lane.sources[row] : null;
   if (source !== null) for (const other of run.lanes) if (other.what === "received" && other.radio === lane.radio)
     for (let at = lower(other.starts, now); at < other.starts.length && other.starts[at] === now; at++)
-      if (other.sources[at] === source) fields.push([`at robot ${other.robot}`, word(other.outcomes[at])]);
+      if (other.sources[at] === source) fields.push([`at ${called(other.robot)}`, word(other.outcomes[at])]);
   const list = document.createElement("dl");
   for (const [name, value] of fields) {
     list.append(Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }));
@@ -424,7 +437,7 @@ function lists() {
     const first = firstSeen(lane, view.from), last = lower(lane.starts, view.to);
     for (let row = first; row < Math.min(last, first + 300); row++)
       if (lane.starts[row] + lane.lengths[row] > view.from)
-        found.push([lane.starts[row], lane.robot, lane.what, word(lane.kinds[row]), lane.channels ? lane.channels[row] : "", word(lane.outcomes[row])]);
+        found.push([lane.starts[row], short(lane.robot), lane.what, word(lane.kinds[row]), lane.channels ? lane.channels[row] : "", word(lane.outcomes[row])]);
   }
   found.sort((one, two) => one[0] - two[0]);
   find("rows").replaceChildren(...found.slice(0, 200).map((cells) => {

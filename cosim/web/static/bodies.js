@@ -1,6 +1,7 @@
-// Robots as they are painted: where they have been, what they have marked, where they are, and what they do.
+// Robots and stations as they are painted: where they have been, what they have marked, where they are, and what they do.
 
 const LEAST_RADIUS_PX = 6;
+const STATION_PX = 5; // half of its side
 const PIECE = 40; // points of a trail that are equally faint
 const HINDERED = { crashed: "crashed", frozen: "frozen", off: "radio off", camera_off: "camera off" };
 
@@ -47,9 +48,10 @@ export function paint_mark(pen, floor, mark) {
   pen.globalAlpha = 1;
 }
 
-/** Radius of a painted robot, px. */
-export function radius_px(floor, robot) {
-  return Math.max(LEAST_RADIUS_PX, (floor.run.scene.radii_m[robot] ?? 0.2) * floor.scale);
+/** Radius of a painted robot, or station, px. */
+export function radius_px(floor, address) {
+  if (floor.run.stations.has(address)) return STATION_PX;
+  return Math.max(LEAST_RADIUS_PX, (floor.run.scene.radii_m[address] ?? 0.2) * floor.scale);
 }
 
 /** Paint a robot: its shape and colour say which, an empty one does nothing any more. */
@@ -71,6 +73,23 @@ export function paint_robot(pen, floor, robot, [x_m, y_m, heading, down]) {
   }
 }
 
+/** Paint a station in the background: a small square that has nothing of a robot. */
+export function paint_station(pen, floor, address, place) {
+  const [x, y] = floor.place(place);
+  pen.globalAlpha = 1;
+  pen.fillStyle = floor.colour(address);
+  pen.strokeStyle = floor.colours.paper;
+  pen.lineWidth = 1.5;
+  pen.beginPath();
+  pen.rect(x - STATION_PX, y - STATION_PX, 2 * STATION_PX, 2 * STATION_PX);
+  pen.fill();
+  pen.stroke();
+  if (address !== floor.selected) return;
+  pen.strokeStyle = floor.colours.ink;
+  outline(pen, "square", [x, y], STATION_PX + 4);
+  pen.stroke();
+}
+
 /** Lay the outline of a shape around a point. */
 export function outline(pen, shape, [x, y], radius) {
   pen.beginPath();
@@ -87,22 +106,22 @@ export function outline(pen, shape, [x, y], radius) {
   pen.closePath();
 }
 
-/** Paint a robot's number beside it. */
-export function paint_label(pen, floor, robot) {
+/** Paint the number of a robot, or station, beside it. */
+export function paint_label(pen, floor, address) {
   pen.font = "600 12px system-ui, sans-serif";
   pen.textAlign = "center";
   pen.textBaseline = "middle";
-  floor.text(pen, floor.label(robot), floor.labels[robot], floor.colours.ink, floor.colours.paper);
+  floor.text(pen, floor.label(address), floor.labels[address], floor.colours.ink, floor.colours.paper);
   pen.textBaseline = "alphabetic";
 }
 
-/** Paint a band above each robot that a fault hinders, with the word for it. */
+/** Paint a band above each robot, or station, that a fault hinders, with the word for it. */
 export function paint_hindrances(pen, floor) {
   pen.font = "600 10px system-ui, sans-serif";
   pen.textAlign = "center";
   const { run } = floor;
   for (const { robot, state } of run.doing.in(...Object.keys(HINDERED))) {
-    const place = run.now.robots[robot];
+    const place = run.places[robot];
     if (!place || (place[3] && state !== "crashed")) continue; // the radio of a dead one is off
     const [x, y] = floor.place(place);
     const words = HINDERED[state];

@@ -1,6 +1,6 @@
 // The floor on a canvas: walls, base, goals, trails, robots, and frames as they fly. x to the right, y up, in metres.
 
-import { paint_hindrances, paint_label, paint_mark, paint_robot, paint_trails, radius_px } from "./bodies.js";
+import { paint_hindrances, paint_label, paint_mark, paint_robot, paint_station, paint_trails, radius_px } from "./bodies.js";
 import { paint_estimates, paint_ways } from "./beliefs/ways.js";
 import { paint_ground, paint_places, paint_walls } from "./ground.js";
 import { Lens } from "./lens.js";
@@ -21,18 +21,18 @@ export class Floor {
    * @param {HTMLCanvasElement} canvas
    * @param {import("./run.js").Run} run
    * @param {(layer: string) => boolean} visible whether a layer is on
-   * @param {(robot: number | null) => void} picked is called with the robot that has been clicked on
+   * @param {(address: number | null) => void} picked is called with the robot, or station, that has been clicked on
    */
   constructor(canvas, run, visible = () => true, picked = () => {}) {
     this.canvas = canvas;
     this.run = run;
     this.visible = visible;
     this.picked = picked;
-    this.selected = null;
+    this.selected = null; // the address of a robot, or of a station
     this.trail_s = 120;
     this.below = []; // functions (pen, floor) that draw on the ground, below all else: a range, for example
     this.extras = []; // functions (pen, floor) that draw on top: routes of a plan, for example
-    this.labels = []; // places of the robots' labels (px)
+    this.labels = []; // places of the labels of robots and stations (px)
     this.painted = { frames: [], links: [] }; // what the floor shows of these now
     this.asked = false;
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
@@ -42,7 +42,7 @@ export class Floor {
     this.colours = {};
     this.lens = new Lens(this);
     this.lens.show();
-    canvas.addEventListener("click", (event) => this.picked(this.robot_at(event)));
+    canvas.addEventListener("click", (event) => this.picked(this.address_at(event)));
     this.recolour();
   }
 
@@ -56,13 +56,20 @@ export class Floor {
     });
   }
 
-  /** The colour of a robot. */
+  /** The robot that is selected; null if none is, but perhaps a station. */
+  get robot() {
+    return this.run.stations.has(this.selected) ? null : this.selected;
+  }
+
+  /** The colour of a robot, or that of stations. */
   colour(robot) {
+    if (this.run.stations.has(robot)) return this.colours.quiet;
     return this.colours[`robot-${((robot % ROBOT_COLOURS) + ROBOT_COLOURS) % ROBOT_COLOURS}`];
   }
 
-  /** The shape of a robot, which differs where colours do not. */
+  /** The shape of a robot, which differs where colours do not, or that of stations. */
   shape(robot) {
+    if (this.run.stations.has(robot)) return "square";
     return SHAPES[Math.floor(Math.max(0, robot) / ROBOT_COLOURS) % SHAPES.length];
   }
 
@@ -94,11 +101,11 @@ export class Floor {
     return [Math.min(x_max, Math.max(x_min, x)), Math.min(y_max, Math.max(y_min, y))];
   }
 
-  /** The robot that an event of the mouse is at, at most some px from what is drawn of it; null if there is none. */
-  robot_at(event, reach_px = NEAR_PX) {
-    const robots = (this.run.now?.robots ?? []).map((place, robot) => ({ robot, far_px: this.far_px(event, place) }));
-    const near = robots.filter(({ robot, far_px }) => far_px < Math.max(reach_px, radius_px(this, robot)));
-    return nearest(near)?.robot ?? null;
+  /** The robot or station that an event of the mouse is at, at most some px from what is drawn of it; null: none is there. */
+  address_at(event, reach_px = NEAR_PX) {
+    const all = this.run.places.map((place, address) => ({ address, far_px: this.far_px(event, place) }));
+    const near = all.filter(({ address, far_px }) => far_px < Math.max(reach_px, radius_px(this, address)));
+    return nearest(near)?.address ?? null;
   }
 
   /**
@@ -158,16 +165,19 @@ export class Floor {
     pen.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
     if (!run.scene) return;
     pen.lineCap = pen.lineJoin = "round";
-    this.labels = (run.now?.robots ?? []).map((_, robot) => this.label_at(robot));
+    this.labels = run.places.map((_, address) => this.label_at(address));
     paint_ground(pen, this);
     for (const each of this.below) each(pen, this);
     paint_walls(pen, this, this.visible("ranges"));
     if (run.now) this.paint_run(pen, run);
     for (const extra of this.extras) extra(pen, this);
     if (this.visible("names")) paint_places(pen, this);
-    run.now?.robots.forEach((robot, number) => paint_robot(pen, this, number, robot));
+    run.places.forEach((place, address) => {
+      if (run.stations.has(address)) paint_station(pen, this, address, place);
+      else paint_robot(pen, this, address, place);
+    });
     if (run.now && this.visible("jammers")) paint_hindrances(pen, this);
-    if (this.visible("names")) run.now?.robots.forEach((_, number) => paint_label(pen, this, number)); // after all robots, so that none hides the label of another
+    if (this.visible("names")) run.places.forEach((_, address) => paint_label(pen, this, address)); // after all robots, so that none hides the label of another
     pen.globalAlpha = 1;
   }
 
@@ -202,24 +212,25 @@ export class Floor {
     return taken ? 2 * LABEL_PX : LABEL_PX;
   }
 
-  label(robot) {
-    return `${robot}${this.run.now.robots[robot][3] ? " †" : ""}`;
+  label(address) {
+    const { stations, places } = this.run;
+    return `${stations.short(address)}${places[address][3] ? " †" : ""}`;
   }
 
-  /** Where on the canvas (px) the middle of a robot's label is. */
-  label_at(robot) {
-    const [right, below] = this.free_side(robot);
-    const [x, y] = this.place(this.run.now.robots[robot]);
-    const radius = radius_px(this, robot);
-    return [x + right * (radius + 4 + DIGIT_PX * this.label(robot).length / 2), y + below * (radius + 9)];
+  /** Where on the canvas (px) the middle of the label of a robot, or station, is. */
+  label_at(address) {
+    const [right, below] = this.free_side(address);
+    const [x, y] = this.place(this.run.places[address]);
+    const radius = radius_px(this, address);
+    return [x + right * (radius + 4 + DIGIT_PX * this.label(address).length / 2), y + below * (radius + 9)];
   }
 
   /** The direction, of length 1, in which a robot has no others near it; down to the right, if there are none at all. */
-  free_side(robot) {
-    const { robots } = this.run.now;
-    const [own_x, own_y] = robots[robot];
+  free_side(address) {
+    const { places } = this.run;
+    const [own_x, own_y] = places[address];
     let [right, down] = [1 / ALONE_PX, 1 / ALONE_PX]; // names of places are above
-    for (const [x, y] of robots) {
+    for (const [x, y] of places) {
       const [away_x, away_y] = [(own_x - x) * this.scale, (y - own_y) * this.scale];
       const far = Math.max(1, Math.hypot(away_x, away_y));
       right += away_x / far ** 2; // near robots count more

@@ -72,6 +72,7 @@ function entries_of({ scene, had }, extra) {
   return [
     scene.base_m && ["", "▲ base"],
     ["", had.has("down") ? "● robots, empty if dead" : "● robots"],
+    scene.stations?.length && ["", "■ stations"],
     ...extra.map((words) => ["", words]),
     ["names", "A names", "names of robots and places"],
     ["trails", "⌇ trails", "where robots have been"],

@@ -59,9 +59,9 @@ export class Lens {
 
   /** Whether a robot is followed; if so, it is brought to the middle. */
   follows() {
-    const robot = this.following ? this.floor.run.now?.robots[this.floor.selected] : undefined;
-    if (!robot) return false;
-    const [x, y] = [robot[0], robot[1]];
+    const place = this.following ? this.floor.run.places[this.floor.selected] : undefined;
+    if (!place) return false;
+    const [x, y] = place;
     if (this.centre && this.centre[0] === x && this.centre[1] === y) return false; // it is there
     this.centre = [x, y];
     return true;

@@ -1,8 +1,8 @@
-// Lists beside the floor: the robots, what has happened, and in the end the metrics.
+// Lists beside the floor: the robots and the stations, what has happened, and in the end the metrics.
 
 const SHOWN = 150;
 
-/** The list of robots; one of them may be selected. */
+/** The list of robots, and of stations after them; one of them may be selected. */
 export class Robots {
   constructor(root, floor, picked) {
     this.root = root;
@@ -11,18 +11,18 @@ export class Robots {
     this.rows = [];
   }
 
-  show(robots, selected, doing) {
-    while (this.rows.length < robots.length) this.add(this.rows.length);
-    while (this.rows.length > robots.length) this.rows.pop().item.remove();
-    robots.forEach(([x, y, heading, down], robot) => {
+  show({ places, stations, doing }, selected) {
+    while (this.rows.length < places.length) this.add(this.rows.length);
+    while (this.rows.length > places.length) this.rows.pop().item.remove();
+    places.forEach(([x, y, heading, down], robot) => {
       const { button, name, where, chip, state } = this.rows[robot];
-      name.textContent = `robot ${robot}${down ? " †" : ""}`;
-      const degrees = Math.round((heading * 180) / Math.PI);
-      where.textContent = `${x.toFixed(2)}, ${y.toFixed(2)} m  ${degrees}°`;
+      name.textContent = `${stations.called(robot)}${down ? " †" : ""}`;
+      const turned = stations.has(robot) ? "" : `  ${Math.round((heading * 180) / Math.PI)}°`;
+      where.textContent = `${x.toFixed(2)}, ${y.toFixed(2)} m${turned}`;
       chip.style.background = down ? "transparent" : this.floor.colour(robot);
       chip.style.boxShadow = down ? `inset 0 0 0 2px ${this.floor.colour(robot)}` : "";
       chip.className = `chip ${this.floor.shape(robot)}`;
-      const words = standing(doing, robot);
+      const words = standing(doing, robot, stations);
       if (state.textContent !== words) state.textContent = words;
       button.setAttribute("aria-pressed", String(robot === selected));
     });
@@ -45,10 +45,10 @@ export class Robots {
   }
 }
 
-/** What a robot is doing, in words: its links, and what else its radio is at. */
-export function standing(doing, robot) {
-  const slaves = doing.links.filter(({ master }) => master === robot).map(({ slave }) => slave);
-  const masters = doing.links.filter(({ slave }) => slave === robot).map(({ master }) => master);
+/** What a robot, or one of the stations, is doing, in words: its links, and what else its radio is at. */
+export function standing(doing, robot, stations) {
+  const slaves = doing.links.filter(({ master }) => master === robot).map(({ slave }) => stations.short(slave));
+  const masters = doing.links.filter(({ slave }) => slave === robot).map(({ master }) => stations.short(master));
   const words = [slaves.length && `master of ${slaves.join(", ")}`, masters.length && `slave of ${masters.join(", ")}`];
   return [...words, ...doing.of(robot)].filter(Boolean).join("; ");
 }

@@ -30,7 +30,7 @@ export class Page {
     this.lost_own = lost;
     this.run = new Run();
     this.address = new Address();
-    this.floor = new Floor(find("floor"), this.run, (layer) => this.layers.has(layer), (robot) => this.select(robot));
+    this.floor = new Floor(find("floor"), this.run, (layer) => this.layers.has(layer), (address) => this.select(address));
     this.layers = new Layers(find("legend"), this.address, () => this.show_soon());
     this.tools = new Tools(this.floor, this.address);
     this.table = new Table(this.floor);
@@ -69,7 +69,8 @@ export class Page {
     this.legend = legend;
     for (const each of this.asking) each.forget();
     const robot = this.address.number("robot");
-    this.floor.selected = robot !== null && scene.radii_m[robot] !== undefined ? robot : null;
+    const there = robot !== null && (scene.radii_m[robot] !== undefined || this.run.stations.has(robot));
+    this.floor.selected = there ? robot : null;
     this.tools.restore();
     this.floor.resize();
     this.seek_kept(scene);
@@ -127,10 +128,10 @@ export class Page {
   describe() {
     this.describing = 0;
     this.described_ms = performance.now();
-    const { now } = this.run;
+    const { now, places, stations } = this.run;
     if (!now) return;
-    const places = now.robots.map(([x, y], robot) => `robot ${robot} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
-    find("floor").setAttribute("aria-label", `The floor at ${now.time_s.toFixed(1)} s: ${places.join("; ")}`);
+    const told = places.map(([x, y], address) => `${stations.called(address)} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
+    find("floor").setAttribute("aria-label", `The floor at ${now.time_s.toFixed(1)} s: ${told.join("; ")}`);
     this.table.show(this.run, [this.maps, this.scans]);
   }
 
@@ -142,10 +143,10 @@ export class Page {
     pill.classList.toggle("failed", state === "failed");
   }
 
-  /** Select a robot; null: none. */
-  select(robot) {
-    this.floor.selected = robot;
-    this.address.put("robot", robot);
+  /** Select a robot, or a station, by its address; null: none. */
+  select(address) {
+    this.floor.selected = address;
+    this.address.put("robot", address);
     this.show_soon();
   }
 

@@ -8,10 +8,10 @@ const HALO_PX = 5;
 
 /** Paint the links as stars around masters, in the masters' colours, and return those that are painted. */
 export function paint_links(pen, floor) {
-  const { now, doing } = floor.run;
-  const painted = doing.links.filter(({ master, slave }) => now.robots[master] && now.robots[slave]);
+  const { places, doing } = floor.run;
+  const painted = doing.links.filter(({ master, slave }) => places[master] && places[slave]);
   for (const { master, slave, lt_addr, mode, ends } of painted) {
-    const [from, to] = [floor.place(now.robots[master]), floor.place(now.robots[slave])];
+    const [from, to] = [floor.place(places[master]), floor.place(places[slave])];
     pen.strokeStyle = floor.colour(master);
     pen.lineWidth = 6; // frames fly on it
     pen.globalAlpha = mode ? 0.2 : 0.4;
@@ -26,7 +26,7 @@ export function paint_links(pen, floor) {
       floor.text(pen, words, [0.3 * from[0] + 0.7 * to[0], 0.3 * from[1] + 0.7 * to[1] + 3], floor.colours.quiet, floor.colours.floor);
     }
   }
-  now.robots.forEach((place, robot) => paint_halo(pen, floor, robot, place));
+  places.forEach((place, address) => paint_halo(pen, floor, address, place));
   return painted;
 }
 
@@ -57,9 +57,9 @@ export function paint_talks(pen, floor) {
   pen.lineWidth = 2;
   for (const talk of run.talks) {
     const [one, two] = talk;
-    if (!run.now.robots[one] || !run.now.robots[two] || linked.has(pair_of(one, two))) continue;
+    if (!run.places[one] || !run.places[two] || linked.has(pair_of(one, two))) continue;
     pen.globalAlpha = 0.45 * run.talk_glow(talk);
-    floor.line(pen, floor.place(run.now.robots[one]), floor.place(run.now.robots[two]));
+    floor.line(pen, floor.place(run.places[one]), floor.place(run.places[two]));
   }
   pen.globalAlpha = 1;
 }
@@ -71,7 +71,7 @@ function pair_of(one, two) {
 /** Paint the frames: those in the air, and fainter and fainter those that were; return those that are painted. */
 export function paint_frames(pen, floor) {
   const { run } = floor;
-  const painted = run.frames.filter((frame) => run.now.robots[frame.source] && run.glow(frame) > 0);
+  const painted = run.frames.filter((frame) => run.places[frame.source] && run.glow(frame) > 0);
   for (const frame of painted) paint_frame(pen, floor, frame);
   const flying = painted.filter(({ end_s }) => end_s > run.now.time_s);
   pen.font = "600 10px system-ui, sans-serif";
@@ -88,17 +88,17 @@ function paint_frame(pen, floor, frame) {
   const glow = run.glow(frame);
   const flying = end_s > run.now.time_s;
   const part = flying ? (run.now.time_s - start_s) / (end_s - start_s) : 1 - glow;
-  const [x, y] = floor.place(run.now.robots[source]);
+  const [x, y] = floor.place(run.places[source]);
   pen.globalAlpha = 0.9 * glow;
   pen.strokeStyle = pen.fillStyle = good ? floor.colours.accent : floor.colours.bad;
   pen.lineWidth = flying ? 2.6 : 1.4;
   pen.setLineDash(good ? [] : [4, 4]);
-  if (!run.now.robots[destination]) {
+  if (!run.places[destination]) {
     pen.beginPath();
     pen.arc(x, y, 8 + 40 * (floor.still.matches ? 1 : part), 0, 2 * Math.PI);
     pen.stroke();
   } else {
-    const [to_x, to_y] = floor.place(run.now.robots[destination]);
+    const [to_x, to_y] = floor.place(run.places[destination]);
     floor.line(pen, [x, y], [to_x, to_y]);
     const along = floor.still.matches ? 1 : part;
     pen.beginPath();
@@ -110,13 +110,13 @@ function paint_frame(pen, floor, frame) {
 
 /** Write the type of a frame, and its channel, where it flies; what one transmission is to several is written once. */
 function paint_kind(pen, floor, { source, destination, kind, channel, start_s, good }, written) {
-  const { robots } = floor.run.now;
+  const { places } = floor.run;
   const key = `${source} ${start_s} ${kind}`;
   if (written.has(key)) return;
   written.add(key);
-  const [x, y] = floor.place(robots[source]);
-  const [to_x, to_y] = robots[destination] ? floor.place(robots[destination]) : [x, y - 60];
-  if (robots[destination] && Math.hypot(to_x - x, to_y - y) < NEAR_PX) return; // there is no room
+  const [x, y] = floor.place(places[source]);
+  const [to_x, to_y] = places[destination] ? floor.place(places[destination]) : [x, y - 60];
+  if (places[destination] && Math.hypot(to_x - x, to_y - y) < NEAR_PX) return; // there is no room
   const words = channel >= 0 ? `${kind} k${channel}` : kind;
   pen.globalAlpha = 1;
   floor.text(pen, words, [(x + to_x) / 2, (y + to_y) / 2 - 5], good ? floor.colours.accent : floor.colours.bad, floor.colours.floor);
@@ -124,8 +124,8 @@ function paint_kind(pen, floor, { source, destination, kind, channel, start_s, g
 
 /** Paint the routes of a robot: the way to each destination, hop by hop. */
 export function paint_routes(pen, floor, robot) {
-  const { now, doing } = floor.run;
-  if (robot === null || !now.robots[robot]) return;
+  const { places, doing } = floor.run;
+  if (robot === null || !places[robot]) return;
   pen.strokeStyle = pen.fillStyle = floor.colour(robot);
   pen.lineWidth = 2;
   const hops = new Set(doing.routes(robot).flatMap(({ to }) => {
@@ -134,13 +134,13 @@ export function paint_routes(pen, floor, robot) {
   }));
   for (const hop of hops) {
     const [from, to] = hop.split(" ").map(Number);
-    if (now.robots[from] && now.robots[to]) arrow(pen, floor, from, to);
+    if (places[from] && places[to]) arrow(pen, floor, from, to);
   }
 }
 
 function arrow(pen, floor, from, to) {
-  const { robots } = floor.run.now;
-  const [[x, y], [to_x, to_y]] = [floor.place(robots[from]), floor.place(robots[to])];
+  const { places } = floor.run;
+  const [[x, y], [to_x, to_y]] = [floor.place(places[from]), floor.place(places[to])];
   const angle = Math.atan2(to_y - y, to_x - x);
   const [side_x, side_y] = [4 * Math.sin(angle), -4 * Math.cos(angle)]; // beside the link, and the way back on the other side
   const short = radius_px(floor, to) + 4;
@@ -157,12 +157,12 @@ function arrow(pen, floor, from, to) {
 
 /** Paint who inquires or scans, as a ring, and who pages or initiates whom, as a dotted line. */
 export function paint_searches(pen, floor) {
-  const { now, doing } = floor.run;
+  const { places, doing } = floor.run;
   pen.font = "600 10px system-ui, sans-serif";
   pen.textAlign = "center";
   for (const { state, robot, words, inquires } of doing.searches) {
-    if (!now.robots[robot]) continue;
-    const at = floor.place(now.robots[robot]);
+    if (!places[robot]) continue;
+    const at = floor.place(places[robot]);
     const radius = radius_px(floor, robot) + (inquires ? 16 : 12);
     pen.strokeStyle = floor.colours.accent;
     pen.lineWidth = 1.6;
@@ -170,7 +170,7 @@ export function paint_searches(pen, floor) {
     pen.beginPath();
     pen.arc(...at, radius, 0, 2 * Math.PI);
     pen.stroke();
-    const peer = now.robots[Number(words.peer)];
+    const peer = places[Number(words.peer)];
     if (peer) floor.line(pen, at, floor.place(peer));
     pen.setLineDash([]);
     const text = words.train ? `${state} ${words.train}` : state;

@@ -1,4 +1,4 @@
-// How far the chosen robot is heard, as the server computes it on request: a disc, or a map of the received power.
+// How far the chosen robot, or station, is heard, as the server computes it on request: a disc, or a map of the received power.
 
 const MOVED = 0.02; // share of the floor's size that a robot has moved before it is asked again
 const WAIT_MS = 400;
@@ -27,7 +27,7 @@ export class Ranges {
   /** Ask for the range of the chosen robot, if it is wanted and not known. */
   ask() {
     const { floor } = this;
-    const place = floor.run.now?.robots[floor.selected];
+    const place = floor.run.places[floor.selected];
     if (!place || !floor.visible("ranges") || !floor.run.scene.radios?.length) return;
     const [x_min, y_min, x_max, y_max] = floor.bounds_m;
     const moved_m = MOVED * Math.max(x_max - x_min, y_max - y_min);
@@ -72,7 +72,7 @@ export class Ranges {
       const words = kind === "vision" ? "" : `heard down to ${Number(faintest_dbm.toFixed(1))} dBm`;
       if (words) this.write(pen, words, [left + 8, top + 14]);
     }
-    const at = floor.place(floor.run.now.robots[known.robot]);
+    const at = floor.place(floor.run.places[known.robot]);
     for (const { radio, range_m, power_dbm } of known.radios) {
       if (range_m === null || power_dbm) continue;
       pen.strokeStyle = pen.fillStyle = floor.colour(known.robot);

@@ -1,6 +1,7 @@
 // What a page knows of a run: the scene, the latest moment, and what has happened lately.
 
 import { Doing } from "./doing.js";
+import { Stations } from "./stations.js";
 
 export const GLOW_S = 0.45; // for so long a frame is shown after its end, at the speed 1: as air.py has it
 export const TALK_S = 2.5;
@@ -13,6 +14,7 @@ const MARK_S = 60;
 export class Run {
   constructor() {
     this.scene = null;
+    this.stations = new Stations();
     this.had = new Set(); // what this run has had, for the legend: links, lost frames, kinds of marks
     this.forget();
   }
@@ -20,6 +22,7 @@ export class Run {
   /** Forget everything but the scene, since time has jumped. */
   forget() {
     this.now = null;
+    this.places = []; // where robots and stations are, by address
     this.trails = [];
     this.events = [];
     this.marks = new Map();
@@ -37,6 +40,7 @@ export class Run {
   take(message) {
     if (message.say === "scene") {
       this.scene = message;
+      this.stations = new Stations(message);
       this.had = new Set();
       this.forget();
       return true;
@@ -47,6 +51,7 @@ export class Run {
       this.trails = message.robots.map((_, robot) => message.trails.map(([time_s, ...places]) => [time_s, ...places[robot]]));
     }
     this.now = message;
+    this.places = [...message.robots, ...this.stations.places];
     this.take_air(message);
     if (message.doing) this.doing = new Doing(message.doing);
     Object.assign(this.beliefs, message.beliefs);

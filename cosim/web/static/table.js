@@ -21,12 +21,13 @@ export class Table {
 
   /** Show the present moment of a run; *told* have more about it in their `words`. */
   show(run, told) {
-    fill(this.robots, run.now.robots.map(([x, y, heading, down], robot) => [
-      robot, x.toFixed(2), y.toFixed(2), Math.round((heading * 180) / Math.PI),
-      [down && "does nothing any more", standing(run.doing, robot)].filter(Boolean).join("; "),
+    const { stations } = run;
+    fill(this.robots, run.places.map(([x, y, heading, down], robot) => [
+      stations.short(robot), x.toFixed(2), y.toFixed(2), stations.has(robot) ? "" : Math.round((heading * 180) / Math.PI),
+      [down && "does nothing any more", standing(run.doing, robot, stations)].filter(Boolean).join("; "),
     ]));
     fill(this.frames, run.flying.slice(0, MOST_FRAMES).map(({ kind, source, destination, channel, outcome }) =>
-      [kind, source, destination < 0 ? "all" : destination, channel < 0 ? "" : channel, outcome || "on the air"]));
+      [kind, stations.short(source), destination < 0 ? "all" : stations.short(destination), channel < 0 ? "" : channel, outcome || "on the air"]));
     fill(this.beliefs, [...told.flatMap(({ words }) => words), ...words_of_beliefs(run)]);
   }
 }

@@ -9,7 +9,7 @@ const framed = window.parent !== window; // beside another run, below their time
 document.documentElement.classList.toggle("framed", framed);
 const page = new Page({ take, show, bytes: (buffer) => timeline.take_bytes(buffer) });
 const { run, floor } = page;
-const robots = new Robots(find("robots"), floor, (robot) => page.select(robot));
+const robots = new Robots(find("robots"), floor, (address) => page.select(address));
 const filters = { text: find("filter"), kind: find("kind"), robot: find("of-robot") };
 const { marks } = page.transport;
 const events = new Events(find("events"), filters, { floor, address: page.address, marks, select: (robot) => page.select(robot) });
@@ -54,9 +54,9 @@ function begin(scene) {
 }
 
 function show(now) {
-  robots.show(now.robots, floor.selected, run.doing);
+  robots.show(run, floor.selected);
   timeline.now(now.time_s, floor.selected);
-  events.show(run.events, floor.selected);
+  events.show(run.events, floor.robot);
   const { frames, lost, unshown, left_out } = run.counts;
   const words = [`${frames} frames seen, ${lost} of them not received`];
   if (unshown) words.push(`${unshown} of late are not drawn`);

@@ -39,7 +39,7 @@ export class Maps {
 
   /** Whose map is to be shown. */
   get whose() {
-    return this.floor.selected ?? TEAM;
+    return this.floor.robot ?? TEAM;
   }
 
   /** Whether the map that is known is that of the present moment. */

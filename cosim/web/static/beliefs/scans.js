@@ -32,7 +32,7 @@ export class Scans {
     setTimeout(() => {
       this.waits = false;
       this.asked_ms = performance.now();
-      if (this.wanted) this.send({ say: "scan", robot: this.floor.selected });
+      if (this.wanted) this.send({ say: "scan", robot: this.floor.robot });
     }, Math.max(0, wait_ms));
   }
 
@@ -40,14 +40,14 @@ export class Scans {
   get wanted() {
     const { floor } = this;
     const { scene, now } = floor.run;
-    return floor.selected !== null && floor.visible("scans") && Boolean(scene?.scanner) && now && (!scene.live || now.time_s > 0);
+    return floor.robot !== null && floor.visible("scans") && Boolean(scene?.scanner) && now && (!scene.live || now.time_s > 0);
   }
 
   /** Whether what is known is the scan of this tick. */
   get current() {
     const { scene, now } = this.floor.run;
     const tick_s = scene.tick_s;
-    return this.known?.robot === this.floor.selected
+    return this.known?.robot === this.floor.robot
       && Math.abs(this.known.time_s - Math.floor(now.time_s / tick_s + 1e-6) * tick_s) < tick_s / 2;
   }
 
@@ -61,7 +61,7 @@ export class Scans {
 
   /** What is shown: the last answer; null if nothing is. */
   get shown() {
-    return this.wanted && this.known?.robot === this.floor.selected ? this.known : null;
+    return this.wanted && this.known?.robot === this.floor.robot ? this.known : null;
   }
 
   /** What is shown, in words: [what, of whom, words]. */

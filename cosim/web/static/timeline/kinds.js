@@ -1,5 +1,6 @@
 // Kinds of boxes: their colours, what they are called, and the sentence that tells of one.
 
+import { Stations } from "../stations.js";
 import { seconds } from "./axis.js";
 
 // numbers of the colours --kind-N; kinds that are not named here have the others by turns
@@ -24,6 +25,7 @@ const IDLE = new Set(["POLL", "NULL", "EMPTY"]);
 /** The kinds and outcomes that the server has named, with the colours of the page. */
 export class Kinds {
   constructor() {
+    this.stations = new Stations(); // of the run
     this.take([], []);
     this.hidden = new Set(); // codes that the legend has switched off
   }
@@ -73,7 +75,12 @@ export class Kinds {
   /** The colour of a state of a robot: a link of a piconet has that of its master. */
   state_colour(code, robot, peer) {
     const master = { master: robot, slave: peer ?? -1 }[this.role(code)] ?? -1;
-    return master >= 0 ? this.robots[master % ROBOTS] : this.colour(code);
+    return master >= 0 ? this.whose(master) : this.colour(code);
+  }
+
+  /** The colour of a robot, or that of stations. */
+  whose(address) {
+    return this.stations.has(address) ? this.paint.quiet : this.robots[address % ROBOTS];
   }
 
   /** Whether a kind is of frames, not of states. */
@@ -108,22 +115,25 @@ export function fate({ outcome, part, lost }) {
   return lost ? `lost: ${plain(part || outcome)}` : plain(outcome);
 }
 
-/** A sentence about a box: {kind, what, robot, source, peer, start_ns, end_ns, channel, outcome, part, lost, detail}. */
-export function sentence(box) {
+/**
+ * A sentence about a box: {kind, what, robot, source, peer, start_ns, end_ns, channel, outcome, part, lost, detail}, of a
+ * run with these stations.
+ */
+export function sentence(box, stations) {
   const { kind, what, robot, source, peer, channel, start_ns, end_ns } = box;
   if (FRAME_LANES.has(what)) {
-    return [kind, ended(source, peer), `${seconds(start_ns)} s`, channel >= 0 ? `channel ${channel}` : "", fate(box)].filter(Boolean).join(", ");
+    return [kind, ended(source, peer, stations), `${seconds(start_ns)} s`, channel >= 0 ? `channel ${channel}` : "", fate(box)].filter(Boolean).join(", ");
   }
-  const who = robot >= 0 ? `robot ${robot}` : "jammer";
+  const who = robot >= 0 ? stations.called(robot) : "jammer";
   const when = end_ns > start_ns ? `${seconds(start_ns)} to ${seconds(end_ns)} s` : `${seconds(start_ns)} s`;
   return [kind.replaceAll("_", " "), who, when, box.detail].filter(Boolean).join(", ");
 }
 
 /** The ends of a frame in words; null for one that is not known. */
-function ended(source, peer) {
-  const to = peer === null ? "" : ` to ${peer < 0 ? "all" : peer}`;
+function ended(source, peer, stations) {
+  const to = peer === null ? "" : ` to ${peer < 0 ? "all" : stations.has(peer) ? stations.called(peer) : peer}`;
   if (source === null) return to && `a frame${to}`;
-  return `robot ${source}${to}`;
+  return `${stations.called(source)}${to}`;
 }
 
 /** A colour of CSS as the pixel of an ImageData. */

@@ -22,7 +22,7 @@ export class Lights {
 
   paint(pen) {
     const { floor } = this;
-    const places = this.robots.map((robot) => floor.run.now?.robots[robot]).filter(Boolean).map((at) => floor.place(at));
+    const places = this.robots.map((robot) => floor.run.places[robot]).filter(Boolean).map((at) => floor.place(at));
     pen.globalAlpha = 1;
     pen.strokeStyle = floor.colours.accent;
     pen.lineWidth = 3;

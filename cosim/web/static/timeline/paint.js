@@ -175,9 +175,10 @@ export class Painter {
     const member = row.lane.what === "piconet" ? row.lane.stacked : null;
     const absent = member !== null && !is_link(this.kinds, block.codes[at]); // and hatched, as what is lost
     const plain = kind.replaceAll("_", " ");
-    const name = member === null ? plain : absent ? `${member} ${plain}` : `robot ${member}`;
+    const { stations } = this.kinds;
+    const name = member === null ? plain : absent ? `${stations.short(member)} ${plain}` : stations.called(member);
     const peer = block.peers?.[at];
-    const arrow = row.lane.what === "sent" && peer >= 0 ? ` → ${peer}` : "";
+    const arrow = row.lane.what === "sent" && peer >= 0 ? ` → ${stations.short(peer)}` : "";
     const left = Math.max(x, 0) + 4;
     const room = Math.floor((Math.min(x + width, right) - left - 2) / LETTER_PX);
     if (room < 2) return;

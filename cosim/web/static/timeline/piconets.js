@@ -12,8 +12,8 @@ export const is_link = (kinds, code) => kinds.role(code) === "slave";
 
 /** Draw a membership in the colour of the member, and its absences over it. */
 export function paint_member(pen, kinds, code, member, [x, y, width, height]) {
-  const { paint, robots } = kinds;
-  const colour = robots[member % robots.length];
+  const { paint } = kinds;
+  const colour = kinds.whose(member);
   const name = kinds.name(code);
   if (is_link(kinds, code)) {
     pen.fillStyle = colour;

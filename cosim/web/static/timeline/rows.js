@@ -1,5 +1,7 @@
 // Where lanes stand: rows one below the other, in groups of a robot's radio, or one for each RF channel.
 
+import { Stations } from "../stations.js";
+
 const HEIGHTS_PX = { states: 14, busy: 9, NAV: 9, sent: 17, received: 17, broadcasts: 14, messages: 11, wakes: 11, events: 11, piconet: 13 };
 const FURTHER_PX = 12; // of a lane that holds what overlaps the boxes of another one
 const GAP_PX = 6;
@@ -10,6 +12,7 @@ const LEAST_CHANNEL_PX = 2;
 /** The rows of the lanes that are shown. */
 export class Rows {
   constructor() {
+    this.stations = new Stations(); // of the run
     this.lanes = [];
     this.piconets = true; // whether the strips of piconets are shown
     this.lay(false, 0);
@@ -44,7 +47,7 @@ export class Rows {
     }
     this.height = group ? this.end(group, y) : 0;
     const radios = new Set(this.groups.filter(({ radio }) => radio >= 0).map(({ radio }) => radio)).size;
-    for (const each of this.groups) each.name = named(each, radios);
+    for (const each of this.groups) each.name = named(each, radios, this.stations);
   }
 
   end(group, y) {
@@ -102,9 +105,9 @@ export class Rows {
 /** The robot that the boxes of a lane are about. */
 export const owner = ({ what, robot, stacked }) => (what === "piconet" ? stacked : robot);
 
-function named({ robot, radio, strip }, radios) {
-  if (strip) return `piconet of ${robot}`;
-  const who = robot >= 0 ? `robot ${robot}` : "jammers";
+function named({ robot, radio, strip }, radios, stations) {
+  if (strip) return `piconet of ${stations.short(robot)}`;
+  const who = robot >= 0 ? stations.called(robot) : "jammers";
   if (radio === -1 && robot >= 0) return `${who} host`;
-  return radios > 1 ? `${who} radio ${radio}` : who;
+  return radios > 1 && !stations.has(robot) ? `${who} radio ${radio}` : who;
 }

@@ -92,10 +92,10 @@ export class Spectrum {
 
   /** The same as tables. */
   tables() {
-    const { answer } = this;
+    const { answer, timeline: { stations } } = this;
     if (!answer) return [];
     const areas = answer.areas.map(({ what, robot, start_ns, end_ns, channels }) => [
-      robot < 0 ? WORDS[what] : `${WORDS[what]} by the piconet of robot ${robot}`,
+      robot < 0 ? WORDS[what] : `${WORDS[what]} by the piconet of ${stations.called(robot)}`,
       `${seconds(start_ns)} s`,
       `${seconds(end_ns)} s`,
       channels.map(([first, last]) => (first === last ? String(first) : `${first} to ${last}`)).join(", "),

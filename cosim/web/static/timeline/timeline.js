@@ -1,6 +1,7 @@
 // The timeline below the floor: a lane for each robot and radio, on the same clock, from the whole run down to slots.
 
 import { read, write } from "../address.js";
+import { Stations } from "../stations.js";
 import { Axis, DCF_SLOT_NS, SLOT_NS, length, seconds } from "./axis.js";
 import { boxed } from "./boxes.js";
 import { Controls, commands } from "./commands.js";
@@ -41,13 +42,14 @@ export class Timeline {
   constructor(root, page) {
     this.root = root;
     this.page = page;
+    this.stations = new Stations(); // of the run
     this.kinds = new Kinds();
     this.rows = new Rows();
     this.painter = new Painter(this.kinds);
     this.stage_px = 0;
     this.scroll_px = 0;
     this.now_ns = null;
-    this.selected = null; // robot
+    this.selected = null; // robot, or station
     this.row = null; // the lane that keys are about
     this.dirty = new Set();
     this.blank = 0; // pictures with a part of which nothing was known
@@ -155,6 +157,7 @@ export class Timeline {
   /** Take a scene: the connection is new, and perhaps the run. */
   begin(scene) {
     this.live = scene.live;
+    this.stations = this.kinds.stations = this.rows.stations = new Stations(scene);
     this.least_ns = scene.beside ? Math.round(scene.duration_s * 1e9) : 0; // all runs beside each other have one axis
     this.begun = false;
     this.told_slot_ns = scene.radios ? (scene.slot_ns ?? 0) : null; // 0: its radios have none; null: nobody knows

@@ -55,7 +55,7 @@ export class Picker {
       event.stopImmediatePropagation();
       if (named) this.give(named.place, named.point);
       else this.offer(this.floor.point(event));
-    } else if (named && this.floor.robot_at(event, 0) === null && this.unasked(named.place)) {
+    } else if (named && this.floor.address_at(event, 0) === null && this.unasked(named.place)) {
       event.stopImmediatePropagation();
     }
   }

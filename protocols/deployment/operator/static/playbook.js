@@ -108,6 +108,6 @@ function host(robot, why) {
 function show(now) {
   const busy = now.state === "busy" ? "Waiting for the host: the first time kernels are compiled, which may take a minute …" : "Waiting for the host …";
   if (find("plays-wait").textContent !== busy) find("plays-wait").textContent = busy;
-  robots.show(now.robots.length, floor.selected, now.time_s, lost_robots, operator.host);
+  robots.show(now.robots.length, floor.robot, now.time_s, lost_robots, operator.host);
   board.show(now.time_s);
 }

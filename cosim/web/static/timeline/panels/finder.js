@@ -70,7 +70,7 @@ export class Finder {
     const { lane } = timeline.rows.by_lane.get(box.lane);
     const { name = "", part = "", lost = false } = timeline.kinds.outcomes.get(box.outcome) ?? {};
     const own = { kind: timeline.kinds.name(box.code), what: lane.what, robot: owner(lane), channel: lane.channel ?? -1 };
-    tip.textContent = `${sentence({ ...box, ...ends(timeline, box, lane), ...own, outcome: name, part, lost })}; ${length(box.end_ns - box.start_ns)}`;
+    tip.textContent = `${sentence({ ...box, ...ends(timeline, box, lane), ...own, outcome: name, part, lost }, timeline.stations)}; ${length(box.end_ns - box.start_ns)}`;
     const below = y - timeline.scroll_px + 16;
     tip.style.left = `${Math.max(0, Math.min(x + 12, timeline.axis.width_px - tip.offsetWidth - 4))}px`;
     tip.style.top = `${below + 30 > timeline.stage_px ? below - 46 : below}px`;
@@ -112,14 +112,14 @@ export class Finder {
     if (message.lane !== this.pinned?.lane || message.row !== this.pinned.row) return;
     const lane = rows.lanes.find((each) => each.lane === message.lane);
     this.pinned.detail = told(message, lane, (outcome) => kinds.loses(outcome));
-    this.timeline.say(sentence(this.pinned.detail));
+    this.timeline.say(sentence(this.pinned.detail, this.timeline.stations));
     this.show_pinned();
     this.timeline.draw();
   }
 
   show_pinned() {
     const held = this.panel.contains(document.activeElement) && document.activeElement !== this.panel;
-    show_box(this.panel, this.pinned?.detail, { unpin: () => this.unpin(), go: () => this.timeline.go() });
+    show_box(this.panel, this.pinned?.detail, this.timeline.stations, { unpin: () => this.unpin(), go: () => this.timeline.go() });
     if (held) this.panel.focus(); // the button that was pressed is gone
   }
 
@@ -154,7 +154,7 @@ export class Finder {
   /** Take what the server has found: pin it, or say that there is none. */
   take_found({ lane, row, start_ns, end_ns, kind, outcome }) {
     if (lane === null) {
-      const whose = this.only ? ` of robot ${this.timeline.row?.lane.robot}` : "";
+      const whose = this.only ? ` of ${this.whose}` : "";
       this.timeline.say(`No further ${this.sought.replaceAll("_", " ")}${whose}.`);
       return;
     }
@@ -181,8 +181,13 @@ export class Finder {
   /** Find only what is of the robot of the lane, or of any. */
   restrict() {
     this.only = !this.only;
-    const { row } = this.timeline;
-    this.timeline.say(this.only ? `Finding only what is of robot ${row?.lane.robot}` : "Finding what is of any robot");
+    this.timeline.say(this.only ? `Finding only what is of ${this.whose}` : "Finding what is of any robot");
     this.timeline.controls.show();
+  }
+
+  /** What the robot, or station, of the lane is called. */
+  get whose() {
+    const { row, stations } = this.timeline;
+    return stations.called(row?.lane.robot);
   }
 }

@@ -4,8 +4,8 @@ import { length, seconds } from "../axis.js";
 import { element, table } from "../dom.js";
 import { fate, sentence } from "../kinds.js";
 
-/** Show a box, as the server tells of it, in an element. */
-export function show_box(root, box, { unpin, go }) {
+/** Show a box, as the server tells of it, in an element; *stations*: those of the run. */
+export function show_box(root, box, stations, { unpin, go }) {
   if (!box) {
     root.replaceChildren(element("p", { className: "quiet" }, "Click on a box, or find one, and it is told here."));
     return;
@@ -13,10 +13,10 @@ export function show_box(root, box, { unpin, go }) {
   const duration_ns = box.end_ns - box.start_ns;
   const parts = [
     element("h3", {}, box.kind.replaceAll("_", " ")),
-    element("p", {}, `${sentence(box)}.`),
+    element("p", {}, `${sentence(box, stations)}.`),
     element("p", { className: "tl-acts" }, button("tl-unpin", "unpin", unpin), button("tl-go-there", "go there", go)),
   ];
-  if (box.receptions?.length) parts.push(heard(box.receptions, box.peer));
+  if (box.receptions?.length) parts.push(heard(box.receptions, box.peer, stations));
   const fields = box.fields.filter(([name]) => name !== "body" && name !== "payload"); // which are told as bytes
   const times = [["begins", `${seconds(box.start_ns, 9)} s`], ["lasts", length(duration_ns)]];
   parts.push(table("All fields", null, [...times, ...fields.map(([name, value]) => [name, worded(value)])]));
@@ -28,10 +28,10 @@ export function show_box(root, box, { unpin, go }) {
   root.replaceChildren(...parts);
 }
 
-function heard(receptions, peer) {
+function heard(receptions, peer, stations) {
   const number = (value, unit) => (value === null || value === undefined ? "–" : `${Number(value).toFixed(1)} ${unit}`);
   const rows = receptions.map((each) =>
-    [`robot ${each.robot}${peer >= 0 && each.robot !== peer ? ", by chance" : ""}`, fate(each), number(each.sinr_db, "dB"), number(each.power_dbm, "dBm")]);
+    [`${stations.called(each.robot)}${peer >= 0 && each.robot !== peer ? ", by chance" : ""}`, fate(each), number(each.sinr_db, "dB"), number(each.power_dbm, "dBm")]);
   return table("Who heard it", ["robot", "outcome", "SINR", "power"], rows);
 }
 

@@ -207,7 +207,7 @@ export class Plots {
 
   get of() {
     const { robot } = this.answer;
-    return robot === null ? " of the whole team" : ` of robot ${robot}`;
+    return robot === null ? " of the whole team" : ` of ${this.timeline.stations.called(robot)}`;
   }
 
   /** Put the curves into a table, if it is open. */

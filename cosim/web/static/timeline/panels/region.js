@@ -45,14 +45,14 @@ export class Region {
   /** Take the sums, and tell them. */
   take(message) {
     if (message.number !== this.number) return;
-    const { kinds } = this.timeline;
+    const { kinds, stations } = this.timeline;
     const long_ns = Number(message.to_ns) - Number(message.from_ns);
     const rows = message.sums.map(({ what, kind, count, lost, time_ns }) => {
       const lasts = Number(time_ns);
       const share = lasts ? percent(lasts / long_ns) : "–";
       return [`${kinds.name(kind).replaceAll("_", " ")}, ${TITLES[what] ?? what}`, String(count), String(lost), lasts ? length(lasts) : "–", share];
     });
-    const whose = message.robot === null ? "all robots" : `robot ${message.robot}`;
+    const whose = message.robot === null ? "all robots" : stations.called(message.robot);
     const title = `Of ${whose}, ${seconds(Number(message.from_ns), 9)} s to ${seconds(Number(message.to_ns), 9)} s`;
     this.told.replaceChildren(
       table(title, null, this.totals(message, long_ns)),
