@@ -26,33 +26,24 @@ _COMPANY: Final = 0xC05100000000
 
 
 def device_address(address: Address) -> DeviceAddress:
-    """Return the address on the air of the device *address*."""
+    """Return the address on the air of the robot *address*."""
     return DeviceAddress(_COMPANY | address, random=True)
 
 
-def advertisement(address: Address, name: str) -> bytes:
-    """Return the ADV_IND, header and payload, that the device *address* sends: its flags and its *name*."""
-    octets = name.encode()
-    data = _FLAGS + bytes([1 + len(octets), _COMPLETE_NAME]) + octets
+def advertisement(address: Address) -> bytes:
+    """Return the ADV_IND, header and payload, that the robot *address* sends: its flags and its name."""
+    name = f"robot {address}".encode()
+    data = _FLAGS + bytes([1 + len(name), _COMPLETE_NAME]) + name
     return encode_advertising(Undirected(AdvertisingType.ADV_IND, device_address(address), data, algorithm_2=True))
 
 
 class Beacon:
-    """The advertising of the device *address*, which says that it is *name*.
-
-    *draws* makes the stream of advDelay of the n-th time that it begins.
-    """
+    """The advertising of the device *address*; *draws* makes the stream of advDelay of the n-th time that it begins."""
 
     def __init__(
-        self,
-        address: Address,
-        name: str,
-        clock: NativeClock,
-        interval: Time,
-        antenna: Antenna,
-        draws: Callable[[int], Draws],
+        self, address: Address, clock: NativeClock, interval: Time, antenna: Antenna, draws: Callable[[int], Draws]
     ) -> None:
-        self.pdu = advertisement(address, name)
+        self.pdu = advertisement(address)
         self.advertiser: Advertiser | None = None
         """None while it does not advertise."""
         self.since: Time = 0

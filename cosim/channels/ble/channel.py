@@ -65,18 +65,16 @@ class BleChannel(Channel):
         settings: BleSettings,
         kernel: Kernel,
         trace: Trace,
-        names: Sequence[str],
+        size: int,
         streams: Streams,
         floor: Floor | None = None,
         powers_dbm: Sequence[float | None] = (),
         air: SharedAir | None = None,
     ) -> None:
-        """*names* are what the devices say that they are, one for each; *floor* is needed where signals fade.
+        """*floor* is needed where signals fade; *powers_dbm* are the robots' own, None for that of the settings.
 
-        *powers_dbm* are the robots' own, None for that of the settings; *air* is None if no radios of other kinds are
-        heard.
+        *air* is None if no radios of other kinds are heard.
         """
-        size = len(names)
         super().__init__(kernel, trace, size)
         self.settings = settings
         sent_dbm = [settings.power_dbm if own is None else own for own in powers_dbm or [None] * size]
@@ -94,8 +92,8 @@ class BleChannel(Channel):
         self._sessions: list[Session] = []
         environment = Environment(kernel, self._ether, self._hosts, self._record)
         site = Site(environment, settings, self.devices, self._sessions, streams, self._may_rest, self._changed)
-        for address, name in enumerate(names):
-            self.devices.append(Device(site, address, name))
+        for address in range(size):
+            self.devices.append(Device(site, address))
         self._ether.tenancy.reconsider = self._changed
         if settings.interference == "band":
             tenancy, self._beacons = self._ether.tenancy, [device.station.beacon for device in self.devices]
