@@ -75,9 +75,11 @@ class Beacon:
             self._ended.append((self.advertiser, now))
             self.advertiser = None
 
-    def silent_from(self, since: Time) -> bool:
-        """Return whether no packet of it begins at *since* or later, for all that is known."""
-        return self.advertiser is None and (not self._ended or self._ended[-1][1] <= since)
+    def silent(self, since: Time, until: Time) -> bool:
+        """Return whether no packet of it begins in [since, until), for all that is known."""
+        if self._ended and self._ended[-1][1] > since:
+            return False
+        return self.begins_after(since - 1) >= until
 
     @property
     def runs(self) -> list[tuple[Advertiser, Time, Time]]:

@@ -238,7 +238,7 @@ class BleChannel(Channel):
 
     def _advertised(self, since: Time, until: Time) -> Iterator[Sent]:
         for beacon in self._beacons:
-            if not beacon.silent_from(since):
+            if not beacon.silent(since, until):
                 yield from beacon.packets(since, until)
 
     def _advertises_after(self, time: Time) -> Time:
