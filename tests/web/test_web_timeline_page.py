@@ -370,6 +370,7 @@ def test_markers_have_names_and_are_in_the_address(page: Any):
     [box] = [each for each in page.evaluate(f"{LINE}.boxes()") if each["start_ns"] == begin and each["what"] == "sent"]
     page.mouse.click(*page.evaluate(f"box => {LINE}.place(box)", box))
     page.mouse.move(0, 0)
+    told(page, f"POLL, robot 0 to 1, {begin / S:.6f} s")  # else this may come after what is said of the marker
     press(page, "m")
     told(page, f"marker 1 at {begin / S:.9f} s")
     page.keyboard.type("m0| poll")  # the name has the focus: letters are no commands
