@@ -19,8 +19,7 @@ LINKS = {"connection": {"interval_s": 0.05, "latency": 0}}
 
 def _channel(seed: int, size: int, floor: Any = None, **settings: Any) -> tuple[Kernel, BleChannel, list[Host]]:
     kernel = Kernel()
-    names = [f"robot {address}" for address in range(size)]
-    channel = BleChannel(BleSettings.model_validate(settings), kernel, Trace(), names, Streams(seed), floor)
+    channel = BleChannel(BleSettings.model_validate(settings), kernel, Trace(), size, Streams(seed), floor)
     hosts = [Host() for _ in range(size)]
     for address, host in enumerate(hosts):
         channel.attach(address, host)

@@ -13,7 +13,6 @@ from pydantic_core import InitErrorDetails
 
 from cosim.arrays import Floats
 from cosim.channels.air.shared import SharedAir
-from cosim.channels.background import called
 from cosim.channels.base import Channel
 from cosim.channels.propagation import PropagationSettings
 from cosim.geometry.segments import PackedWalls, SegmentGrid
@@ -43,7 +42,7 @@ class ChannelSite(NamedTuple):
     trace: Trace
     streams: Streams
     size: int
-    """Number of robots, and of stations in the background."""
+    """Number of robots."""
     walls: SegmentGrid
     wall_loss_db: Floats
     """What each wall costs a signal, dB."""
@@ -59,14 +58,6 @@ class ChannelSite(NamedTuple):
     """Power class of each robot's radio; None where the channel decides."""
     air: SharedAir | None = None
     """The air that the channel shares with others of the run; None if they do not hear each other."""
-    robots: int | None = None
-    """Number of those of *size* that are robots: the others are stations in the background. None: all are."""
-
-    @property
-    def names(self) -> list[str]:
-        """What people call each of them, by address."""
-        robots = self.size if self.robots is None else self.robots
-        return [called(address, robots) for address in range(self.size)]
 
 
 @dataclass(frozen=True)

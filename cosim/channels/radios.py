@@ -409,7 +409,6 @@ def _with_stations(site: ChannelSite, background: Background) -> ChannelSite:
     unsaid = (None,) * len(background.carried)
     return site._replace(
         size=site.size + len(unsaid),
-        robots=site.size,
         carried=(*site.carried, *background.carried),
         powers_dbm=(*site.powers_dbm, *unsaid),
         reaches_m=(*site.reaches_m, *unsaid),

@@ -32,7 +32,7 @@ from protocols.aggregation.messages import (
 )
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.radio import SHORT, Radio
+from protocols.aggregation.radio import SHORT, Radio, links_of
 from protocols.aggregation.setup import Setup
 from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.subteam import SubTeam, Work
@@ -69,7 +69,8 @@ class Host(Drains):
         self.positioning = positioning
         self._posts = len(setup.ground.posts_m)
         self._period = from_seconds(parameters.heartbeat_s)
-        self._radio = Radio(me, self.counters, self._outbox, self._events)
+        links = links_of(parameters, setup.size, me, start)
+        self._radio = Radio(me, self.counters, self._outbox, self._events, links)
         others = [host for host in range(setup.hosts) if host != me]
         self.neighbours = Neighbours(others, self._period, self._watching, start)
         self._here: Point = setup.starts_m[me]
@@ -113,12 +114,14 @@ class Host(Drains):
             self._receive_from_searcher(sender, message, now)
         return self.left() or self._deadline != deadline
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Ignore link events: the protocol relies on messages only."""
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        """Take an event of a link, if the radio needs links; the search itself relies on messages only."""
+        return self._radio.link(event, now)
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Drive on, and begin or end a meeting when it is time; return whether anything has come of it."""
         self.counters.moved((observation.x_m, observation.y_m), now)
+        self._radio.keep_links(now)
         observation = self.positioning.locate(observation)
         here = self._here = observation.x_m, observation.y_m
         if self._unplaced:  # rebooted: only now it knows where it is

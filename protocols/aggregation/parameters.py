@@ -7,6 +7,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from cosim.settings import FARTHEST_M, Bounded, Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
 from protocols.detection.detectors import DetectorSettings, FixedTimeoutSettings
 from protocols.localization.positioning import PositioningParameters
+from protocols.transport.parameters import PagingParameters
 
 Reach: TypeAlias = Annotated[float, Bounded(0.1, FARTHEST_M)]
 """Range within which a camera recognises something: the floor is divided into what is seen from its posts."""
@@ -70,6 +71,11 @@ class Parameters(Settings):
     long_m: Metres = Field(default=100.0, gt=0, description="m, nominal reach of the radio between hosts")
     long_radio: int = Field(
         default=1, ge=0, le=1, description="the radio between hosts: 1, or 0 where robots have only one"
+    )
+    links: PagingParameters | None = Field(
+        default=None,
+        description="send over the links of a piconet whose master is the host, the only one: what Bluetooth needs; by "
+        "default to all in reach",
     )
     host_speed_mps: Rate = Field(default=0.5, gt=0, description="the hosts' speed under way; at most their bodies'")
     cell_m: Length = Field(
@@ -147,6 +153,12 @@ class Parameters(Settings):
             raise error_at(
                 ("fresh_s",), self.fresh_s, f"is not > {self.heartbeat_s}, heartbeat_s: contact would not last"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _one_piconet(self) -> "Parameters":
+        if self.links is not None and self.hosts > 1:
+            raise error_at(("hosts",), self.hosts, "is not 1, and links are those of one piconet with one master")
         return self
 
     @field_validator("human_camera_m", "human_vision_m")

@@ -43,7 +43,7 @@ from protocols.aggregation.messages import (
     Stopped,
 )
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.radio import Radio
+from protocols.aggregation.radio import Radio, links_of
 from protocols.aggregation.rendezvous import Rendezvous
 from protocols.aggregation.roster import Membership
 from protocols.aggregation.setup import Setup
@@ -149,7 +149,8 @@ class Searcher(Drains):
         self.positioning = positioning
         self.state = State.WAIT
         self.membership = Membership(None if rebooted else setup.host_of(me), 0)
-        self._radio = Radio(me, self.counters, self._outbox, self._events)
+        links = links_of(parameters, setup.size, me, start)
+        self._radio = Radio(me, self.counters, self._outbox, self._events, links)
         self._stream: Stream | None = None
         if parameters.stream_bytes_per_s:
             self._stream = Stream(parameters.stream_bytes_per_s, setup.tick, self._radio)
@@ -234,12 +235,14 @@ class Searcher(Drains):
                 todo = [post for post in posts if post < self._posts and post not in self.findings.visited]
                 self._motion.assign(todo)
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Ignore link events: the protocol relies on messages only."""
+    def link(self, event: LinkEvent, now: Time) -> bool:
+        """Take an event of a link, if the radio needs links; the search itself relies on messages only."""
+        return self._radio.link(event, now)
 
     def observe(self, observation: Observation, now: Time) -> bool:
         """Look around, decide, and walk; return whether anything has come of it."""
         self.counters.moved((observation.x_m, observation.y_m), now)
+        self._radio.keep_links(now)
         observation = self.positioning.locate(observation)
         here = self._here = observation.x_m, observation.y_m
         if found := self._camera.look(observation, self.findings):

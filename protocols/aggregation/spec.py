@@ -29,6 +29,7 @@ from protocols.aggregation.tours import regions
 from protocols.aggregation.walking import Pedestrian, Walker
 from protocols.localization.positioning import KnownMaps, Positioning, check_positioning, positioning_of
 from protocols.localization.scan import Sensor
+from protocols.transport.links import check_piconet
 
 TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
@@ -99,6 +100,8 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     size = len(surroundings.starts_m)
     _check_team(parameters, size)
     _check_radios(parameters, surroundings.radios)
+    if parameters.links is not None:
+        check_piconet(surroundings, "protocol.parameters.links")
     check_positioning(parameters.positioning, surroundings)
     floor = _ground(parameters, surroundings)
     x_min, y_min, x_max, y_max = surroundings.bounds_m

@@ -47,7 +47,7 @@ from protocols.mapping.frames import (
     to_runs,
 )
 from protocols.transport.links import Links
-from protocols.transport.parameters import LinkParameters, PagingParameters
+from protocols.transport.parameters import PagingParameters
 from protocols.transport.transport import SteadyClock
 from protocols.wire import BadBytes
 
@@ -183,10 +183,7 @@ class Sharing:
         self._clock = SteadyClock(start)
         self._links: Links | None = None
         if parameters.links is not None:
-            # Nobody takes over, and the radio alone says which links are lost. The frames are few and small: robots
-            # that were lost are found sooner if a page in vain is followed by the next one.
-            star = LinkParameters(takeover=False, silence_s=None, service=0, **dict(parameters.links))
-            self._links = Links(me, size, star, start)
+            self._links = Links.of_star(me, size, parameters.links, start)
         self._outbox: list[Outgoing | LinkCommand] = []
 
     def places(self, now: Time) -> list[tuple[Address, Point, float]]:

@@ -15,7 +15,7 @@ paper (004) has a network that needs no links.
 """
 
 from collections.abc import Collection, Iterable
-from typing import Final
+from typing import Final, Self
 
 from cosim.errors import UserError
 from cosim.machine import (
@@ -34,7 +34,7 @@ from cosim.machine import (
 )
 from cosim.protocol import Surroundings
 from cosim.units import Time, from_seconds
-from protocols.transport.parameters import LinkParameters
+from protocols.transport.parameters import LinkParameters, PagingParameters
 
 MOST_ROBOTS: Final = 8
 """Robots of a piconet whose radio has no limit: a master and seven active slaves, as over Bluetooth."""
@@ -101,6 +101,15 @@ class Links:
         # no robot pages the first unless another can be a master, too
         self.commands: list[LinkCommand] = [Scan(enabled=self._takeover or not self.leading)]
         """Link commands that are still to be drained."""
+
+    @classmethod
+    def of_star(cls, me: Address, size: int, parameters: PagingParameters, start: Time) -> Self:
+        """Return a part in the piconet of robot 0, of which nobody takes over.
+
+        The radio alone says which links are lost. For few and small frames: robots that were lost are found sooner if a
+        page in vain is followed by the next one.
+        """
+        return cls(me, size, LinkParameters(takeover=False, silence_s=None, service=0, **dict(parameters)), start)
 
     # ------------------------------------------------------------ who hears whom
 

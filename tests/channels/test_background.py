@@ -78,6 +78,13 @@ def test_in_an_air_apart_robots_do_as_they_would_without_stations() -> None:
     assert events[0] == events[1]
 
 
+def test_what_stations_do_not_send_is_not_counted_among_the_robots_payloads() -> None:
+    scenario = scene([BLUETOOTH, WIFI | {"queue_payloads": 1}], [WIFI_PAIR | {"interval_s": 0.001}], duration_s=2)
+    metrics = Simulation(scenario, 3).run().metrics
+    assert metrics["payloads_unsent"] == 0
+    assert metrics["radio_1_background_received"] < 0.9 * metrics["radio_1_background_sent"]
+
+
 def test_a_pair_makes_its_link_again() -> None:
     pair = {"radio": 1, "places_m": [[1, 1], [4, 1]], "payload_bytes": 200, "interval_s": 0.1}
     jammer = {"kind": "jammer", "radio": 1, "x_m": 4, "y_m": 2, "power_dbm": 30, "at_s": 10, "until_s": 20}

@@ -26,33 +26,24 @@ _COMPANY: Final = 0xC05100000000
 
 
 def device_address(address: Address) -> DeviceAddress:
-    """Return the address on the air of the device *address*."""
+    """Return the address on the air of the robot *address*."""
     return DeviceAddress(_COMPANY | address, random=True)
 
 
-def advertisement(address: Address, name: str) -> bytes:
-    """Return the ADV_IND, header and payload, that the device *address* sends: its flags and its *name*."""
-    octets = name.encode()
-    data = _FLAGS + bytes([1 + len(octets), _COMPLETE_NAME]) + octets
+def advertisement(address: Address) -> bytes:
+    """Return the ADV_IND, header and payload, that the robot *address* sends: its flags and its name."""
+    name = f"robot {address}".encode()
+    data = _FLAGS + bytes([1 + len(name), _COMPLETE_NAME]) + name
     return encode_advertising(Undirected(AdvertisingType.ADV_IND, device_address(address), data, algorithm_2=True))
 
 
 class Beacon:
-    """The advertising of the device *address*, which says that it is *name*.
-
-    *draws* makes the stream of advDelay of the n-th time that it begins.
-    """
+    """The advertising of the device *address*; *draws* makes the stream of advDelay of the n-th time that it begins."""
 
     def __init__(
-        self,
-        address: Address,
-        name: str,
-        clock: NativeClock,
-        interval: Time,
-        antenna: Antenna,
-        draws: Callable[[int], Draws],
+        self, address: Address, clock: NativeClock, interval: Time, antenna: Antenna, draws: Callable[[int], Draws]
     ) -> None:
-        self.pdu = advertisement(address, name)
+        self.pdu = advertisement(address)
         self.advertiser: Advertiser | None = None
         """None while it does not advertise."""
         self.since: Time = 0
@@ -63,6 +54,8 @@ class Beacon:
         self._begun = 0
         self._quiet: tuple[Time, Time] = (0, 0)
         """A time [since, until) in which none of its packets begins."""
+        self._due: tuple[Time, Time] = (0, 0)
+        """An instant, and the first after it at which a packet is due."""
         self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
 
     def begin(self, now: Time, after: Time) -> None:
@@ -73,7 +66,7 @@ class Beacon:
             draws = self._draws(self._begun)
             self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws)
             self.since, self._begun = now, self._begun + 1
-            self._quiet = 0, 0
+            self._quiet = self._due = 0, 0
 
     def end(self, now: Time) -> None:
         """Do not advertise any more: what is on the air goes to its end, and nothing begins."""
@@ -81,6 +74,12 @@ class Beacon:
             self._ended = [item for item in self._ended if item[1] > now - LOOKBACK]
             self._ended.append((self.advertiser, now))
             self.advertiser = None
+
+    def silent(self, since: Time, until: Time) -> bool:
+        """Return whether no packet of it begins in [since, until), for all that is known."""
+        if self._ended and self._ended[-1][1] > since:
+            return False
+        return self.begins_after(since - 1) >= until
 
     @property
     def runs(self) -> list[tuple[Advertiser, Time, Time]]:
@@ -106,7 +105,7 @@ class Beacon:
 
     def _events(self, since: Time, until: Time) -> Iterator[tuple[Advertiser, Event, Time]]:
         """Yield its events of which a packet begins in [since, until), with the instant at which it stops to send."""
-        spans = [*self._ended]
+        spans = [(advertiser, over) for advertiser, over in self._ended if over > since] if self._ended else []
         if self.advertiser is not None and not (self._quiet[0] <= since and until <= self._quiet[1]):
             spans.append((self.advertiser, until))
         for advertiser, over in spans:
@@ -133,9 +132,13 @@ class Beacon:
         """Return the first instant after *time* at which a packet of it is due, even if the antenna may be taken."""
         if self.advertiser is None:
             return LATER
-        event = self.advertiser.event_from(time + 1)
-        starts = (self.advertiser.start(event, turn) for turn in range(len(self.advertiser.channels)))
-        return next(start for start in starts if start > time)
+        asked, due = self._due
+        if not asked <= time < due:
+            event = self.advertiser.event_from(time + 1)
+            starts = (self.advertiser.start(event, turn) for turn in range(len(self.advertiser.channels)))
+            due = next(start for start in starts if start > time)
+            self._due = time, due
+        return due
 
     def packets(self, since: Time, until: Time) -> Iterator[Sent]:
         """Yield what it sends in [since, until)."""

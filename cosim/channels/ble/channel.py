@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Channel, Flying, Positions
+from cosim.channels.ble.beacon import LATER
 from cosim.channels.ble.device import Device, Site
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Ether
@@ -64,18 +65,16 @@ class BleChannel(Channel):
         settings: BleSettings,
         kernel: Kernel,
         trace: Trace,
-        names: Sequence[str],
+        size: int,
         streams: Streams,
         floor: Floor | None = None,
         powers_dbm: Sequence[float | None] = (),
         air: SharedAir | None = None,
     ) -> None:
-        """*names* are what the devices say that they are, one for each; *floor* is needed where signals fade.
+        """*floor* is needed where signals fade; *powers_dbm* are the robots' own, None for that of the settings.
 
-        *powers_dbm* are the robots' own, None for that of the settings; *air* is None if no radios of other kinds are
-        heard.
+        *air* is None if no radios of other kinds are heard.
         """
-        size = len(names)
         super().__init__(kernel, trace, size)
         self.settings = settings
         sent_dbm = [settings.power_dbm if own is None else own for own in powers_dbm or [None] * size]
@@ -93,13 +92,13 @@ class BleChannel(Channel):
         self._sessions: list[Session] = []
         environment = Environment(kernel, self._ether, self._hosts, self._record)
         site = Site(environment, settings, self.devices, self._sessions, streams, self._may_rest, self._changed)
-        for address, name in enumerate(names):
-            self.devices.append(Device(site, address, name))
+        for address in range(size):
+            self.devices.append(Device(site, address))
         self._ether.tenancy.reconsider = self._changed
         if settings.interference == "band":
-            tenancy, beacons = self._ether.tenancy, [device.station.beacon for device in self.devices]
-            tenancy.lazies += [*(beacon.packets for beacon in beacons), self._resting]
-            tenancy.nexts += [beacon.begins_after for beacon in beacons]
+            tenancy, self._beacons = self._ether.tenancy, [device.station.beacon for device in self.devices]
+            tenancy.lazies += [self._advertised, self._resting]
+            tenancy.nexts.append(self._advertises_after)
         self._meters: list[Meter] = []
         if settings.energy is not None:
             self._meter(settings.energy, sent_dbm)
@@ -236,6 +235,15 @@ class BleChannel(Channel):
                 for end in (central, peripheral)
             )
         )
+
+    def _advertised(self, since: Time, until: Time) -> Iterator[Sent]:
+        for beacon in self._beacons:
+            if not beacon.silent(since, until):
+                yield from beacon.packets(since, until)
+
+    def _advertises_after(self, time: Time) -> Time:
+        due = (beacon.begins_after(time) for beacon in self._beacons if beacon.advertiser is not None)
+        return min(due, default=LATER)
 
     def _resting(self, since: Time, until: Time) -> Iterator[Sent]:
         for session in self._sessions:

@@ -75,9 +75,9 @@ class Site(NamedTuple):
 
 
 class Device:
-    """The device *address*, which says that it is *name*."""
+    """The device *address*."""
 
-    def __init__(self, site: Site, address: Address, name: str) -> None:
+    def __init__(self, site: Site, address: Address) -> None:
         self.address = address
         self.links: dict[Address, Session] = {}
         """Its links, by the device at the other end."""
@@ -93,7 +93,7 @@ class Device:
         self._stream = stream
         antenna = Antenna()
         delays = partial(site.streams.draws, "ble", "delay", address)
-        beacon = Beacon(address, name, self.clock, settings.advertise.interval, antenna, delays)
+        beacon = Beacon(address, self.clock, settings.advertise.interval, antenna, delays)
         self._scan = _windows(self.clock, settings.scan, stream)
         self._listen = _windows(self.clock, settings.listen, stream)
         self.station = Station(address, self._ether, antenna, beacon, self._listen)

@@ -13,7 +13,7 @@ def _made(settings: BleSettings, site: ChannelSite) -> Channel:
     from cosim.channels.ble.channel import BleChannel  # only a run needs the model
 
     walls = site.walls, site.wall_loss_db
-    return BleChannel(settings, site.kernel, site.trace, site.names, site.streams, walls, site.powers_dbm, site.air)
+    return BleChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, site.powers_dbm, site.air)
 
 
 def _payload_bytes(settings: BleSettings) -> PayloadBytes:

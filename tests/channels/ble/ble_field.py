@@ -44,8 +44,7 @@ class Field:
 
     def __init__(self, size: int, seed: int = 1, tables: Iterable[Table] = (), **settings: Any) -> None:
         self.kernel, self.trace = Kernel(), Trace(tables)
-        names = [f"robot {address}" for address in range(size)]
-        self.channel = BleChannel(BleSettings(**settings), self.kernel, self.trace, names, Streams(seed))
+        self.channel = BleChannel(BleSettings(**settings), self.kernel, self.trace, size, Streams(seed))
         self.news: list[News] = []
         for address in range(size):
             self.channel.attach(address, Host(address, self.news))

@@ -1,0 +1,118 @@
+"""What each radio costs each task: claims of less than a tenth more time, the table of all cells, and its figure."""
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from cosim.experiment import axis_titles
+from cosim.report.comparison import Answer, Arm, Limits, by_replicate, less_censored, mean_ratio, paired
+from cosim.report.saving import save
+from experiments.modern_radios.comparing import NO_CELL, RADIOS, TASKS, Parameters, Radio, Task
+
+TITLES: Final = axis_titles(Path(__file__).parent)["radio"]
+SLIGHT: Final = 1.1
+"""Factor of a time that costs little."""
+AIRS: Final = {"alone": "alone on the air", "others": "two pairs of each other technology beside it"}
+
+
+def _arm(task: Task, radio: Radio, air: str = "alone") -> Arm:
+    return {"task": task, "radio": radio, "air": air}
+
+
+def costs_little(task: Task, radio: Radio, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a task over a radio, alone on the air, takes less than ``SLIGHT`` times as long as at once."""
+    return less_censored(runs, [("", _arm(task, radio), _arm(task, "ideal"))], "time_s", SLIGHT, ended="done")
+
+
+def undisturbed(task: Task, radio: Radio, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a task over a radio with others on the air takes less than ``SLIGHT`` times as long as alone."""
+    return less_censored(runs, [("", _arm(task, radio, "others"), _arm(task, radio))], "time_s", SLIGHT, ended="done")
+
+
+# ---------------------------------------------------------------- the table and the figure
+
+
+def times(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> Limits | None:
+    """Return how many times as long a cell's task takes as with messages that arrive at once; None without runs."""
+    arm, ideal = _arm(task, radio, air), _arm(task, "ideal")
+    return None if paired(runs, [arm, ideal], "time_s").empty else mean_ratio(runs, arm, ideal, "time_s")
+
+
+def table(runs: pd.DataFrame) -> str:
+    """Return the table of all cells in Markdown: times as long as at once, failures, energy; or why there is none."""
+    lines = ["| radio | " + " | ".join(TASKS) + " |", "|---" * (len(TASKS) + 1) + "|"]
+    for radio in RADIOS:
+        for air in AIRS:
+            cells = [_cell(runs, task, radio, air) for task in TASKS]
+            name = TITLES.get(radio, radio) + ("" if air == "alone" else ", others on the air")
+            lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _cell(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> str:
+    missing = Parameters(task=task, radio=radio, air=air).missing()  # type: ignore[arg-type]
+    if missing is not None:
+        return "-"
+    ratio, arm = times(runs, task, radio, air), _arm(task, radio, air)
+    done = by_replicate(runs, arm, "done")
+    if ratio is None or done.empty:
+        return "no data"
+    mean_s = by_replicate(runs, arm, "time_s").mean()
+    text = f"{mean_s:.0f} s" if radio == "ideal" else f"x {ratio.mean:.2f} ({ratio.lower:.2f} to {ratio.upper:.2f})"
+    failed = int((done < 1).sum())
+    energy_j = by_replicate(runs, arm, "radio_energy_j").mean()
+    text += f", {failed} of {len(done)} not done" if failed else ""
+    return text + ("" if math.isnan(energy_j) else f", {energy_j:.0f} J")
+
+
+def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw how many times as long each task takes over each radio, alone and with others; write the table beside it."""
+    if runs.empty or not {"task", "radio", "air", "time_s"} <= set(runs):
+        return []
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    plots: Any = figure.subplots(1, len(TASKS), sharey=True)
+    radios = RADIOS[1:]
+    for plot, task in zip(plots, TASKS, strict=True):
+        for shift, (air, label) in zip((-0.14, 0.14), AIRS.items(), strict=True):
+            _draw_ratios(plot, runs, task, air, shift, label)
+        for place, radio in enumerate(radios):
+            if (task, radio) in NO_CELL:
+                plot.annotate("needs a link", (place, 1.0), rotation=90, ha="center", va="center", fontsize=7)
+        plot.axhline(1.0, color="#888888", linewidth=1)
+        plot.set(title=task, xlim=(-0.6, len(radios) - 0.4))
+        plot.set_xticks(range(len(radios)), [TITLES.get(radio, radio) for radio in radios], rotation=90)
+        plot.grid(axis="y", alpha=0.3)
+    plots[0].set_ylabel("time, of that with messages that arrive at once")
+    plots[0].set_ylim(bottom=0.0)
+    figure.legend(*plots[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AIRS), fontsize="small")
+    (folder / "modern_radios.md").write_text(table(runs) + "\n", encoding="utf-8")
+    return [save(figure, folder / "modern_radios.png")]
+
+
+def _draw_ratios(plot: Any, runs: pd.DataFrame, task: Task, air: str, shift: float, label: str) -> None:
+    colour, marker = ("C0", "o") if air == "alone" else ("C3", "s")
+    found = [(place, times(runs, task, radio, air)) for place, radio in enumerate(RADIOS[1:])]
+    known = [(place + shift, ratio) for place, ratio in found if ratio is not None]
+    means = [ratio.mean for _, ratio in known]
+    errors = [
+        [0.0 if math.isnan(ratio.lower) else ratio.mean - ratio.lower for _, ratio in known],
+        [0.0 if math.isnan(ratio.upper) else ratio.upper - ratio.mean for _, ratio in known],
+    ]
+    places = [place for place, _ in known]
+    plot.errorbar(places, means, yerr=errors, fmt=marker, color=colour, capsize=3, markersize=4, label=label)
+
+
+# ---------------------------------------------------------------- the tests that published.csv names
+
+
+def _named(radio: str) -> str:
+    return radio.replace(" ", "_").replace("802.11", "wifi_")
+
+
+_CELLS: Final = [(task, radio) for task in TASKS for radio in RADIOS[1:] if (task, radio) not in NO_CELL]
+globals().update({f"costs_little_{task}_{_named(radio)}": partial(costs_little, task, radio) for task, radio in _CELLS})
+globals().update({f"undisturbed_{task}_{_named(radio)}": partial(undisturbed, task, radio) for task, radio in _CELLS})
