@@ -20,7 +20,7 @@ from cosim.picture.film import write_film
 from cosim.picture.moment import View, draw_moment
 from cosim.picture.page import packed, write_page
 from cosim.units import MS
-from tests.export.capture_reading import blocks, find_tshark, read_fields
+from tests.export.capture_reading import blocks
 from tests.export.stationed import NAMES, PLACES, RADIOS, ROBOTS, SCENARIO, Stationed, make
 from tests.export.test_mcap import read as read_mcap
 from tests.export.test_page import shown
@@ -156,14 +156,6 @@ def test_a_capture_has_the_radios_of_stations(made: Stationed, tmp_path: Path) -
     expected += [(heard.destination == 2).sum(), (heard.destination == 3).sum(), (sent.radio == 2).sum()]
     assert [packets[number] for number in range(5)] == expected
     assert min(expected[2:]) > 20
-
-
-def test_a_station_of_low_energy_says_that_it_is_one(made: Stationed, tmp_path: Path) -> None:
-    path = tmp_path / "run.pcapng"
-    write_capture(path, made.simulation.channel, made.simulation.trace, "")
-    fields = ("btle.advertising_address", "btcommon.eir_ad.entry.device_name")
-    rows = read_fields(find_tshark(), path, fields, "-Y", "btcommon.eir_ad.entry.device_name")
-    assert {tuple(row) for row in rows} == {("c0:51:00:00:00:05", "station 3")}  # which is paged
 
 
 # ---------------------------------------------------------------- pictures
