@@ -155,17 +155,20 @@ def test_the_floor_shows_stations_as_squares_with_their_labels_and_frames_betwee
 
 
 @pytest.mark.slow
-def test_a_station_is_chosen_and_heard_but_has_no_events_and_no_map(page: Any) -> None:
+def test_a_station_is_chosen_and_heard_while_events_and_map_stay_those_of_the_team(page: Any) -> None:
     names = page.locator("#robots .name").all_inner_texts()
     assert names == NAMES
     states = page.locator("#robots .state").all_inner_texts()
     assert states[ROBOTS:] == ["master of s1", "slave of s0", "master of s3", "slave of s2"]
+    events = page.locator("#events li").count()
     page.click("[data-layer=ranges]")
     page.locator("#robots button", has_text="station 2").click()
     page.wait_for_function("() => Object.keys(window.labels).some((text) => text.startsWith('heard down to'))")
     page.wait_for_function("() => location.hash.includes('robot=4')")
     assert page.locator(".tl-labels [aria-pressed=true]").all_inner_texts() == ["station 2", "piconet of s2"]
     assert page.input_value("#of-robot") == ""
+    assert page.locator("#events li").count() == events > 10
+    page.wait_for_function("() => cosim.seen().beliefs.map?.robot === -1")
     assert not page.locator("#trouble").is_visible()
     page.reload()
     page.wait_for_selector(".tl-labels [aria-pressed=true]")
