@@ -361,7 +361,11 @@ class Device:
         link = Link(ll_data, self._kernel.now, clocks, ppm, start=first)
         phy, bits = LINK_PHYS[connection.phy], _BITS[connection.phy]
         limits = Limits(
-            connection.mtu_octets, site.settings.queue_payloads, connection.interval // connection.parts, phy
+            connection.mtu_octets,
+            site.settings.queue_payloads,
+            connection.interval // connection.parts,
+            phy,
+            connection.adaptation,
         )
         terminals = Terminal(self.address, self.station.antenna), Terminal(peer.address, peer.antenna, gone=not heard)
         for end in link.ends:

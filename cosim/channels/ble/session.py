@@ -11,12 +11,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 from cosim.channels.ble.antenna import Antenna, Doing
+from cosim.channels.ble.bits.control import ChannelMapInd
 from cosim.channels.ble.bits.l2cap import ATTRIBUTES, LEAST_OCTETS, MOST_OCTETS, Message, Reassembly, fragments
 from cosim.channels.ble.bits.pdu import Llid, encode_data
 from cosim.channels.ble.connections.arq import Fragment
+from cosim.channels.ble.connections.assessment import Assessment
 from cosim.channels.ble.connections.exchange import Packet, Reception, Side, exchange_time
 from cosim.channels.ble.connections.link import Link
 from cosim.channels.ble.environment import Environment
@@ -60,6 +63,8 @@ class Limits:
     """Time that each event has at least."""
     phy: Phy
     """The PHY to which it changes."""
+    adaptation: tuple[Time, Time] | None = None
+    """Time from one choice of channels to the next, and until a bad one is tried again; None: all are used."""
 
 
 class Session:
@@ -89,6 +94,9 @@ class Session:
         self._next: Handle | None = None
         self._watch: Handle | None = None
         self._on_air: Sent | None = None
+        self._assessment: Assessment | None = None
+        if limits.adaptation is not None:
+            self._assessment = Assessment(*limits.adaptation, self._kernel.now)
         for terminal in terminals:
             if not terminal.gone:
                 terminal.antenna.claim(self, self._kernel.now)
@@ -417,8 +425,18 @@ class Session:
     def _finish(self) -> None:
         self._on_air = None
         self._settle_meters()
+        self._assess()
         self.link.finish()
         self._go_on()
+
+    def _assess(self) -> None:
+        """Count the event that has ended, and have the central announce another map if it chooses one."""
+        link, assessment = self.link, self._assessment
+        if assessment is None or link.on_air is None:
+            return
+        assessment.note(link.channel(Side.CENTRAL, link.event), link.on_air.last_heard[Side.CENTRAL] is not None)
+        if not link.central.pending and (used := assessment.choose(self._kernel.now)) is not None:
+            link.announce(partial(ChannelMapInd, used))
 
     # ---------------------------------------------------------------- the end
 

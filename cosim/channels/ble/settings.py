@@ -108,6 +108,9 @@ class ConnectionSettings(Settings):
     mtu_octets: Count = Field(
         default=65_535, ge=23, le=65_535, description="longest ATT PDU; devices as sold have 23 to 517"
     )
+    afh: bool = Field(default=False, description="whether centrals leave out bad channels; not with a latency")
+    afh_interval_s: Seconds = Field(default=1.0, gt=0, description="s from one choice of channels to the next")
+    afh_retry_s: Seconds = Field(default=30.0, gt=0, description="s until a bad channel is tried again")
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
@@ -120,6 +123,8 @@ class ConnectionSettings(Settings):
             raise error_at(("interval_s",), self.interval_s, f"s is too short for a link on {self.phy}")
         if self.links is not None and self.links > most:
             raise error_at(("links",), self.links, f"links do not fit into {interval / MS:g} ms, at most {most} do")
+        if self.afh and self.latency:
+            raise error_at(("afh",), True, "is not for links with a latency: who sleeps is taken for who is not heard")
         return self
 
     @property
@@ -137,6 +142,11 @@ class ConnectionSettings(Settings):
     def parts(self) -> int:
         """The number of parts of an interval, and thus of the links that a central holds at most."""
         return self.links or min(MOST_LINKS, self.interval // self.least_part)
+
+    @property
+    def adaptation(self) -> tuple[Time, Time] | None:
+        """Time from one choice of channels to the next, and until a bad one is tried again; None: no map is chosen."""
+        return (from_seconds(self.afh_interval_s), from_seconds(self.afh_retry_s)) if self.afh else None
 
     @property
     def parameters(self) -> ConnectionParameters:

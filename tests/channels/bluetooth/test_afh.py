@@ -4,7 +4,8 @@ from math import sqrt
 
 import pytest
 
-from cosim.channels.bluetooth.afh import LEAST_CHANNELS, SAMPLES, ChannelMap, in_order
+from cosim.channels.air.quality import SAMPLES, ChannelQuality
+from cosim.channels.bluetooth.afh import LEAST_CHANNELS, in_order
 from cosim.channels.bluetooth.hopping import adapted_channel, basic_channel
 from cosim.channels.bluetooth.polling import USED
 from cosim.channels.bluetooth.radio import Heard
@@ -36,11 +37,11 @@ def none() -> list[int]:
 
 
 def test_a_channel_that_fails_more_often_than_not_is_left_out_once_there_are_enough_samples() -> None:
-    channels = ChannelMap(10 * S)
+    channels = ChannelQuality(79, LEAST_CHANNELS, 10 * S)
     heard, failed = none(), none()
     failed[3], failed[5], failed[7], heard[7] = SAMPLES, SAMPLES - 1, 3, 3
     assert channels.update(heard, failed, 0)
-    assert channels.used == in_order([channel for channel in range(79) if channel != 3])
+    assert channels.used == [channel for channel in range(79) if channel != 3]
     assert not channels.update(none(), none(), 1)
     failed = none()
     failed[5] = 1  # with what was counted before
@@ -49,7 +50,7 @@ def test_a_channel_that_fails_more_often_than_not_is_left_out_once_there_are_eno
 
 
 def test_a_bad_channel_is_tried_again_after_a_while_and_judged_anew() -> None:
-    channels = ChannelMap(10 * S)
+    channels = ChannelQuality(79, LEAST_CHANNELS, 10 * S)
     bad = none()
     bad[3] = 9
     channels.update(none(), bad, 0)
@@ -63,7 +64,7 @@ def test_a_bad_channel_is_tried_again_after_a_while_and_judged_anew() -> None:
 
 
 def test_a_channel_that_was_good_for_long_is_found_bad_soon() -> None:
-    channels = ChannelMap(10 * S)
+    channels = ChannelQuality(79, LEAST_CHANNELS, 10 * S)
     good = none()
     good[3] = 1000
     channels.update(good, none(), 0)
@@ -73,12 +74,12 @@ def test_a_channel_that_was_good_for_long_is_found_bad_soon() -> None:
 
 
 def test_at_least_twenty_channels_stay_the_best_of_the_bad() -> None:
-    channels = ChannelMap(10 * S)
+    channels = ChannelQuality(79, LEAST_CHANNELS, 10 * S)
     heard, failed = [0] * 79, [6] * 79
     for channel in range(40, 60):
         heard[channel] = 4
     assert channels.update(heard, failed, 0)
-    assert sorted(channels.used) == list(range(40, 60))
+    assert channels.used == list(range(40, 60))
     assert len(channels.used) == LEAST_CHANNELS
 
 
