@@ -1,4 +1,4 @@
-"""Adaptive frequency hopping of links: bad channels are found and left out, both ends agree, and they are tried again."""
+"""Adaptive frequency hopping of links: bad channels are found and left out by both ends, and are tried again."""
 
 from pathlib import Path
 
