@@ -12,8 +12,8 @@ nothing is left, some phases are never met.
 
 Three channels with advDelay: the density of the phase of who is not found yet is carried on from event to event. Each
 event takes out the phases in which one of its PDUs is heard, and T_a and a delay, uniform in 0 to 10 ms, shift what is
-left. A delay is drawn after its event has failed, so that the mean is (T_a + 5 ms) x the expected number of failed events, by
-Wald's identity, plus the mean time from the start of an event to the end of the PDU that is heard in it.
+left. A delay is drawn after its event has failed, so that the mean is (T_a + 5 ms) x the expected number of failed
+events, by Wald's identity, plus the mean time from the start of an event to the end of the PDU that is heard in it.
 
 Times are in ns.
 """
@@ -30,7 +30,7 @@ from cosim.units import MS, Time
 CHANNELS: Final = 3
 LONGEST_DELAY: Final[Time] = 10 * MS
 CELLS: Final = 1 << 14
-"""Cells of the grid of phases: at most this many, and at least half."""
+"""The most cells of the grid of phases."""
 FINEST: Final[Time] = MS // 32
 """The shortest cell."""
 REST: Final = 1e-9
@@ -100,10 +100,10 @@ def _without(spans: Spans, low: Time, high: Time) -> Spans:
 
 
 @lru_cache
-def delayed(timing: Timing) -> Delayed:
-    """Return the latency on three channels with advDelay."""
+def delayed(timing: Timing, cells: int = CELLS) -> Delayed:
+    """Return the latency on three channels with advDelay, on a grid of at most so many *cells*."""
     cycle = CHANNELS * timing.scan_interval
-    size = min(CELLS, math.ceil(cycle / FINEST))
+    size = min(cells, math.ceil(cycle / FINEST))
     cell = cycle / size
     heard = _heard(timing, size)
     missed = 1.0 - heard.sum(axis=0)
