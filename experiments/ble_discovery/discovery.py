@@ -41,9 +41,9 @@ HORIZON: Final[Time] = 10_000 * S
 WARMING: Final[Time] = 2 * S
 """Time in which a crowd advertises before anybody scans."""
 COLUMNS: Final = (
-    Column("procedure", "str", "", "what was measured: devices, three channels, one channel, crowd"),
-    Column("draw", "int", "", "number of the latency, or device, in the run and procedure, from 0"),
-    Column("latency_s", "float", "s", "from the first PDU to the end of the one that is heard; NaN: never, or a crowd"),
+    Column("devices_s", "float", "s", "latency of a device: from its first PDU to the end of that which is heard"),
+    Column("three_channels_s", "float", "s", "the same of events alone, with advDelay and the PDU of the table"),
+    Column("one_channel_s", "float", "s", "the same on one channel without advDelay; NaN: never"),
     Column("lost", "float", "1", "whether the first PDU in a window was destroyed by others; NaN without a crowd"),
 )
 
@@ -100,25 +100,14 @@ class Scene:
 
 
 @experiment_function
-def observe(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
-    """Return a row for each latency of each procedure, or for each device of a crowd."""
+def observe(parameters: Mapping[str, Any], seed: int) -> list[dict[str, float]]:
+    """Return a row for each draw, with a latency of each procedure, or for each device of a crowd."""
     given, streams = Parameters.model_validate(parameters), Streams(seed)
+    names = [column.name for column in COLUMNS]
     if given.crowd:
-        return [_row("crowd", draw, math.nan, lost) for draw, lost in enumerate(crowds(given, streams))]
-    measured = {
-        "devices": devices(given, streams),
-        "three channels": three_channels(given, streams),
-        "one channel": one_channel(given, seed),
-    }
-    return [
-        _row(procedure, draw, latency_s, math.nan)
-        for procedure, latencies_s in measured.items()
-        for draw, latency_s in enumerate(latencies_s)
-    ]
-
-
-def _row(procedure: str, draw: int, latency_s: float, lost: float) -> dict[str, Any]:
-    return {"procedure": procedure, "draw": draw, "latency_s": latency_s, "lost": lost}
+        return [dict.fromkeys(names, math.nan) | {"lost": lost} for lost in crowds(given, streams)]
+    procedures = devices(given, streams), three_channels(given, streams), one_channel(given, seed)
+    return [dict(zip(names, (*latencies_s, math.nan), strict=True)) for latencies_s in zip(*procedures, strict=True)]
 
 
 def devices(given: Parameters, streams: Streams) -> Iterator[float]:
@@ -149,19 +138,20 @@ def three_channels(given: Parameters, streams: Streams) -> Iterator[float]:
 
 def one_channel(given: Parameters, seed: int) -> Iterator[float]:
     """Yield latencies, s, on one channel without advDelay, at even phases: runs of 20 seeds in a row share them out."""
-    cycle, only = from_seconds(given.scan_s), ADVERTISING[:1]
+    interval, cycle, only = from_seconds(given.advertise_s), from_seconds(given.scan_s), ADVERTISING[:1]
+    windows, again = _windows(given, only), math.lcm(interval, cycle)  # after which events come to what they have met
     for number in range(given.draws):
         phase = (seed % RUNS + RUNS * number) * cycle // (RUNS * given.draws)
-        advertiser = Advertiser(NativeClock(0), phase, from_seconds(given.advertise_s), AIR, None, 0, only)
-        yield _latency_s(advertiser, _windows(given, only))
+        advertiser = Advertiser(NativeClock(0), phase, interval, AIR, None, 0, only)
+        yield _latency_s(advertiser, windows, min(again + AIR, HORIZON))
 
 
 def _windows(given: Parameters, channels: tuple[int, ...]) -> ScanWindows:
     return ScanWindows(NativeClock(0), 0, from_seconds(given.scan_s), from_seconds(given.window_s), channels)
 
 
-def _latency_s(advertiser: Advertiser, windows: ScanWindows) -> float:
-    heard = next_heard(advertiser, windows, advertiser.first, advertiser.first + HORIZON)
+def _latency_s(advertiser: Advertiser, windows: ScanWindows, most: Time = HORIZON) -> float:
+    heard = next_heard(advertiser, windows, advertiser.first, advertiser.first + most)
     return math.nan if heard is None else to_seconds(heard.end - advertiser.first)
 
 

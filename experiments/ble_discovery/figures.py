@@ -15,15 +15,19 @@ from cosim.channels.ble.beacon import advertisement
 from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M
 from cosim.report.saving import save
 from cosim.units import MS, S, Time
-from experiments.ble_discovery.discovery import AIR, SPACING
-from experiments.ble_discovery.exact import Timing, delayed, geometric, one_channel, overlapping
+from experiments.ble_discovery.discovery import AIR, COLUMNS, SPACING
+from experiments.ble_discovery.exact import OneChannel, Timing, delayed, geometric, one_channel, overlapping
 
 Answer = tuple[str, bool | None]
 
 UNKNOWN: Final[Answer] = ("-", None)
-NEEDED: Final = {"set", "procedure", "latency_s", "lost"}
+NEEDED: Final = {"set", *(column.name for column in COLUMNS)}
 CROWD: Final = "crowd of "
 """What names of crowds begin with, before their size; names of other sets are three times in ms."""
+PHASES: Final = 10_000
+"""Even phases in which the exact solutions of one channel can be seen."""
+NEAR: Final = 0.005
+"""How much means and maxima of so many are off at most, relatively, and shares of phases."""
 SIGMAS: Final = 4
 """Standard errors that a mean may be off."""
 PUBLISHED_DRAWS: Final = 200_000
@@ -72,11 +76,10 @@ def timing(name: str, of_devices: bool) -> Timing:
 
 
 def _latencies(observations: pd.DataFrame, procedure: str) -> Iterator[tuple[str, Floats]]:
-    """Yield each set with its latencies, ms, NaN where nothing was found."""
+    """Yield each set with its latencies, ms, by a *procedure*, a column; NaN where nothing was found."""
     if set(observations) >= NEEDED:
-        rows = observations[observations["procedure"] == procedure]
-        for name, part in rows.groupby("set", sort=False):
-            yield str(name), 1e3 * part["latency_s"].to_numpy(np.float64)
+        for name, part in observations[observations["lost"].isna()].groupby("set", sort=False):
+            yield str(name), 1e3 * part[procedure].to_numpy(np.float64)
 
 
 def _counted(right: "list[bool]", what: str, worst: str = "") -> Answer:
@@ -87,40 +90,39 @@ def _counted(right: "list[bool]", what: str, worst: str = "") -> Answer:
 # ---------------------------------------------------------------- one channel, no delay
 
 
+def _of_phases(observations: pd.DataFrame) -> Iterator[tuple[Floats, OneChannel]]:
+    """Yield the latencies of each set of which there are enough phases, ms, beside the exact solution."""
+    for name, ms in _latencies(observations, "one_channel_s"):
+        if len(ms) >= PHASES:
+            yield ms, one_channel(timing(name, False))
+
+
 def exact_means(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return in how many sets the mean of the phases that are met is the exact one."""
-    ratios = [
-        float(np.nanmean(ms)) * MS / one_channel(timing(name, False)).mean
-        for name, ms in _latencies(observations, "one channel")
-    ]
+    ratios = [float(np.nanmean(ms)) * MS / exact.mean for ms, exact in _of_phases(observations)]
     worst = f", {100 * max(abs(ratio - 1) for ratio in ratios):.2f} % off at most" if ratios else ""
-    return _counted([abs(ratio - 1) <= 0.005 for ratio in ratios], "sets", worst)
+    return _counted([abs(ratio - 1) <= NEAR for ratio in ratios], "sets", worst)
 
 
 def exact_maxima(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return in how many sets the longest latency is the exact one."""
-    ratios = [
-        float(np.nanmax(ms)) * MS / one_channel(timing(name, False)).greatest
-        for name, ms in _latencies(observations, "one channel")
-    ]
-    return _counted([abs(ratio - 1) <= 0.005 for ratio in ratios], "sets")
+    ratios = [float(np.nanmax(ms)) * MS / exact.greatest for ms, exact in _of_phases(observations)]
+    return _counted([abs(ratio - 1) <= NEAR for ratio in ratios], "sets")
 
 
 def never_met(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return in how many sets as many phases are never met as the exact solution says, and in how many some are."""
-    pairs = [
-        (float(np.isnan(ms).mean()), 1.0 - one_channel(timing(name, False)).met)
-        for name, ms in _latencies(observations, "one channel")
-    ]
+    pairs = [(float(np.isnan(ms).mean()), 1.0 - exact.met) for ms, exact in _of_phases(observations)]
     locked = f", of which {sum(ours > 0 for ours, _ in pairs)} lock"
-    return _counted([abs(ours - exact) <= 0.005 and (ours > 0) == (exact > 0) for ours, exact in pairs], "sets", locked)
+    right = [abs(ours - exact) <= NEAR and (ours > 0) == (exact > 0) for ours, exact in pairs]
+    return _counted(right, "sets", locked)
 
 
 # ---------------------------------------------------------------- the table
 
 
 def _of_table(observations: pd.DataFrame) -> Iterator[tuple[Printed, str, Floats]]:
-    for name, ms in _latencies(observations, "three channels"):
+    for name, ms in _latencies(observations, "three_channels_s"):
         if name in TABLE:
             yield TABLE[name], name, ms
 
@@ -170,7 +172,7 @@ def devices(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return in how many sets devices are found after the mean time that the density says."""
     errors = [
         (ms.mean() - delayed(timing(name, True)).mean / MS) / _error(ms)
-        for name, ms in _latencies(observations, "devices")
+        for name, ms in _latencies(observations, "devices_s")
     ]
     worst = f", {max(map(abs, errors)):.1f} standard errors at most" if errors else ""
     return _counted([bool(abs(error) <= SIGMAS) for error in errors], "sets", worst)
@@ -179,7 +181,7 @@ def devices(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 def first_event(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return in how many sets devices are found in their first event as often as the closed form says."""
     right = []
-    for name, ms in _latencies(observations, "devices"):
+    for name, ms in _latencies(observations, "devices_s"):
         of_set = timing(name, True)
         share = (of_set.window - of_set.air) / of_set.scan_interval
         if of_set.window == of_set.scan_interval:
@@ -190,7 +192,7 @@ def first_event(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 def always_found(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return how many devices were found."""
-    found = [~np.isnan(ms) for _, ms in _latencies(observations, "devices")]
+    found = [~np.isnan(ms) for _, ms in _latencies(observations, "devices_s")]
     if not found:
         return UNKNOWN
     every = np.concatenate(found)
@@ -199,7 +201,7 @@ def always_found(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 def independent(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return in how many sets the mean is that of events that are heard independently of each other."""
-    ratios = [ms.mean() * MS / geometric(timing(name, True)) for name, ms in _latencies(observations, "devices")]
+    ratios = [ms.mean() * MS / geometric(timing(name, True)) for name, ms in _latencies(observations, "devices_s")]
     worst = f", {min(ratios):.2f} to {max(ratios):.2f} times" if ratios else ""
     return _counted([bool(abs(ratio - 1) <= 0.1) for ratio in ratios], "sets", worst)
 
@@ -227,7 +229,7 @@ def crowd_timing(size: int) -> Timing:
 def _crowds(observations: pd.DataFrame) -> Iterator[tuple[int, float, float]]:
     """Yield size of each crowd, share of PDUs lost, and its standard error: two that meet are lost together."""
     if set(observations) >= NEEDED:
-        rows = observations[observations["procedure"] == "crowd"]
+        rows = observations[observations["lost"].notna()]
         for name, part in rows.groupby("set", sort=False):
             share = float(part["lost"].mean())
             yield int(str(name).removeprefix(CROWD)), share, sqrt(2 * share * (1 - share) / len(part))
@@ -251,10 +253,10 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
 
 def _over_intervals(plot: Any, observations: pd.DataFrame) -> None:
     lines: list[tuple[str, bool, float, Callable[[Timing], float]]] = [
-        ("devices", True, 2.5, lambda of: delayed(of, COARSE).mean / MS),
-        ("one channel", False, 0.625, _mean_if_met),
+        ("devices_s", True, 2.5, lambda of: delayed(of, COARSE).mean / MS),
+        ("one_channel_s", False, 0.625, _mean_if_met),
     ]
-    labels = {"devices": "three channels, advDelay", "one channel": "one channel, no delay"}
+    labels = {"devices_s": "three channels, advDelay", "one_channel_s": "one channel, no delay"}
     for rank, (procedure, of_devices, step, mean) in enumerate(lines):
         grid = np.arange(20.0, 310.0, step)
         values = [mean(timing(f"{interval}{SWEPT}", of_devices)) for interval in grid]
@@ -279,7 +281,7 @@ def _mean_if_met(of_set: Timing) -> float:
 
 
 def _not_found(plot: Any, observations: pd.DataFrame) -> None:
-    for name, ms in _latencies(observations, "devices"):
+    for name, ms in _latencies(observations, "devices_s"):
         if name.endswith(SWEPT) or ms.mean() < 1_000:
             continue
         rank = len(plot.get_lines())
