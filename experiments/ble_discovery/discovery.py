@@ -141,7 +141,7 @@ def one_channel(given: Parameters, seed: int) -> Iterator[float]:
     interval, cycle, only = from_seconds(given.advertise_s), from_seconds(given.scan_s), ADVERTISING[:1]
     windows, again = _windows(given, only), math.lcm(interval, cycle)  # after which events come to what they have met
     for number in range(given.draws):
-        phase = (seed % RUNS + RUNS * number) * cycle // (RUNS * given.draws)
+        phase = (2 * (seed % RUNS + RUNS * number) + 1) * cycle // (2 * RUNS * given.draws)  # amid its step
         advertiser = Advertiser(NativeClock(0), phase, interval, AIR, None, 0, only)
         yield _latency_s(advertiser, windows, min(again + AIR, HORIZON))
 

@@ -146,7 +146,7 @@ def test_claims_of_the_table_hold_and_fail() -> None:
     assert [claim(late, late) for claim in claims] == [
         ("0 of 1 means", False),
         ("2 of 3 quantiles", False),
-        ("0 of 2 shares", False),
+        ("1 of 2 shares", False),
     ]
 
 
