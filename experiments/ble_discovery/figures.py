@@ -36,6 +36,8 @@ CROWD_MS: Final = (100, 30, 30)
 """The times of crowds."""
 COARSE: Final = 1 << 11
 """Cells of a grid of phases that is fine enough for a line."""
+SHOWN: Final = ("30-60-30", "100-1000-300", "1000-2560-320", "318.75-1280-11.25", "1022.5-512.5-128.75")
+"""Sets whose distributions are drawn."""
 SWEPT: Final = "-100-25"
 """What names of sets end with whose advInterval alone differs."""
 
@@ -281,20 +283,22 @@ def _mean_if_met(of_set: Timing) -> float:
 
 
 def _not_found(plot: Any, observations: pd.DataFrame) -> None:
-    for name, ms in _latencies(observations, "devices_s"):
-        if name.endswith(SWEPT) or ms.mean() < 1_000:
-            continue
-        rank = len(plot.get_lines())
+    shown = [(name, ms) for name, ms in _latencies(observations, "devices_s") if name in SHOWN]
+    for rank, (name, ms) in enumerate(shown):
         of_set = timing(name, True)
-        times = np.sort(ms)
-        left = 1.0 - np.arange(1, len(times) + 1) / len(times)
-        plot.step(times * MS / S, left, where="post", color=f"C{rank // 2}", linewidth=1, label=name)
-        events = np.arange(1, 3_000)
-        alone = (1.0 - delayed(of_set).found[0]) ** events
-        spans = events * (of_set.interval + 5 * MS) / S
-        plot.plot(spans, alone, color=f"C{rank // 2}", linewidth=0.8, linestyle=":")
-    plot.set(xlabel="time since the first PDU, s", ylabel="share of devices not found yet", yscale="log")
-    plot.set(xlim=(0, 150), ylim=(1e-3, 1), title="dotted: were events independent of each other")
+        left = 1.0 - np.arange(1, len(ms) + 1) / len(ms)
+        plot.step(np.sort(ms) * MS / S, left, where="post", color=f"C{rank}", linewidth=1, label=name)
+        events = np.arange(3_000)
+        alone = (1.0 - delayed(of_set).found[0]) ** (events + 1)
+        times_s = (events * (of_set.interval + 5 * MS) + of_set.air) / S
+        plot.step(times_s, alone, where="post", color=f"C{rank}", linewidth=0.8, linestyle=":")
+    plot.set(xlabel="time since the first PDU, s", ylabel="share of devices not found yet", xscale="log")
+    plot.set(
+        xlim=(0.01, 300),
+        ylim=(0, 1.45),
+        yticks=np.linspace(0, 1, 6),
+        title="dotted: were events independent of each other",
+    )
     plot.grid(alpha=0.3)
-    if plot.get_lines():
-        plot.legend(fontsize="small", title="advInterval-scanInterval-scanWindow, ms")
+    if shown:
+        plot.legend(fontsize="small", loc="upper right", ncols=2, title="advInterval-scanInterval-scanWindow, ms")
