@@ -62,7 +62,7 @@ def test_a_pair_is_on_the_air_for_15_percent_of_the_time(kind: str, data_ns: int
     simulation = Simulation(build(plain, "pair", Path()), 1, (TRANSMISSIONS,))
     metrics = simulation.run().metrics
     sent = pd.DataFrame(simulation.trace.columns(TRANSMISSIONS.name))
-    carrying = sent[sent["length"] == octets]
+    carrying = sent[sent["length"] >= octets]  # of Low Energy with what L2CAP and ATT put before it
     assert len(carrying) > 0.9 * metrics["radio_1_background_received"] > 300
     assert carrying["kind"].nunique() == 1  # one packet a payload
 
