@@ -62,7 +62,7 @@ def test_on_a_thousand_scenes_it_is_right_on_bug2s_path_and_never_longer(part, r
     ratios = [compare(scene, radius_of(first + n), 0.25) for n, scene in enumerate(scenes(count, first))]
     record_property("scenes of VisBug-21", count)
     record_property("shorter than Bug2", sum(ratio < 1 - 1e-3 for ratio in ratios))
-    assert np.mean(ratios) < (0.95 if count >= 100 else 1.0)
+    assert np.mean(ratios) < 0.95 if count >= 100 else max(ratios) < 1 + 1e-9  # a few may all be as long
 
 
 @pytest.mark.slow
