@@ -56,7 +56,11 @@ class Advertiser:
     """Time from the end of a PDU to the start of the next one, on the advertiser's clock."""
     channels: tuple[int, ...] = ADVERTISING
     """Indices of the channels that are used, ascending."""
+    steps: tuple[int, int, bool, Time] = field(init=False, repr=False, compare=False)
+    """What leads from an event to the next one, for ``next_start``."""
     _cursor: Event = field(init=False, repr=False, compare=False)
+    _following: Event = field(init=False, repr=False, compare=False)
+    """The event that follows on that of ``_cursor``, once it has been asked for; else that one itself."""
     _earlier: Event = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -66,18 +70,14 @@ class Advertiser:
             raise ValueError(f"PDUs of {self.air_time} ns with gaps of {self.gap} ns")
         if self.offset(len(self.channels) - 1) + self.air_time > self.interval:
             raise ValueError(f"an interval of {self.interval} ns, which does not hold an event")
-        self._cursor = self._earlier = Event(0, self.first)
+        key_0, key_1 = (0, 0) if self.delays is None else self.delays.key
+        self.steps = key_0, key_1, self.delays is not None, self.interval
+        self._cursor = self._following = self._earlier = Event(0, self.first)
 
     @property
     def spacing(self) -> Time:
         """The local time from the start of a PDU to that of the next one."""
         return self.air_time + self.gap
-
-    @property
-    def steps(self) -> tuple[int, int, bool, Time]:
-        """What leads from an event to the next one, for ``next_start``."""
-        key_0, key_1 = (0, 0) if self.delays is None else self.delays.key
-        return key_0, key_1, self.delays is not None, self.interval
 
     def offset(self, pdu: int) -> Time:
         """Return the local time from the start of an event to that of its *pdu*, from 0 on."""
@@ -85,7 +85,7 @@ class Advertiser:
 
     def start(self, event: Event, pdu: int) -> Time:
         """Return the simulated time at which a *pdu* of *event*, from 0 on, begins."""
-        return self.clock.at_local(event.local + self.offset(pdu))
+        return self.clock.at_local(event.local + pdu * (self.air_time + self.gap))
 
     def after(self, event: Event) -> Event:
         """Return the event that follows on *event*."""
@@ -94,6 +94,8 @@ class Advertiser:
     def event_from(self, time: Time) -> Event:
         """Return the first event of which a PDU begins at or after the simulated *time*."""
         least = self.clock.local(time - 1) + 1 - self.offset(len(self.channels) - 1)
+        if self._cursor.local < least <= self._following.local:
+            return self._following
         first = Event(0, self.first)
         if first.local >= least:
             return first
@@ -102,7 +104,8 @@ class Advertiser:
         if least - self._cursor.local > STEP_BACK:
             self._earlier = self._cursor = Event(*_last_before(*self.steps, *self._cursor, least - STEP_BACK))
         self._cursor = Event(*_last_before(*self.steps, *self._cursor, least))
-        return self.after(self._cursor)
+        self._following = self.after(self._cursor)
+        return self._following
 
     def events_from(self, time: Time) -> Iterator[Event]:
         """Yield the events from ``event_from(time)`` on, without end."""

@@ -134,9 +134,9 @@ class Beacon:
             return LATER
         asked, due = self._due
         if not asked <= time < due:
-            event = self.advertiser.event_from(time + 1)
-            starts = (self.advertiser.start(event, turn) for turn in range(len(self.advertiser.channels)))
-            due = next(start for start in starts if start > time)
+            event, turn = self.advertiser.event_from(time + 1), 0
+            while (due := self.advertiser.start(event, turn)) <= time:  # its last PDU begins later than that
+                turn += 1
             self._due = time, due
         return due
 
