@@ -56,7 +56,7 @@ def test_spoilt_frames_are_decoded_or_refused(name: str, record_property: Callab
             decoder.take(frame)
         except decoder.refuses:
             outcomes["refused"] += 1
-        except Exception as error:
+        except Exception as error:  # a broken decoder may raise anything; raised again with the frame that broke it
             error.add_note(f"frame {number}: {frame.hex()}")
             raise
         else:

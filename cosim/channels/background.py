@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from cosim.channels.base import Channel, Positions
+from cosim.channels.base import Channel, Endpoint, Positions
 from cosim.kernel import WAKE, Handle, Kernel
 from cosim.machine import Address, Connected, LinkEvent, Lost, Outgoing, Page, PageFailed, Reception, Scan
 from cosim.protocol import Metric
@@ -53,7 +53,7 @@ def called(address: Address, robots: int) -> str:
     return f"robot {address}" if address < robots else f"station {address - robots}"
 
 
-class _Sender:
+class _Sender(Endpoint):
     """The host of the first station of a pair: keeps a link to the second, and sends payloads by it."""
 
     def __init__(self, kernel: Kernel, channel: Channel, pair: PairSettings, own: Address, streams: Streams) -> None:
@@ -68,10 +68,6 @@ class _Sender:
         """The next payload; None while there is no link."""
         kernel.at(kernel.now, self._page, WAKE)
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
-        """Take no notice of a payload: nobody sends one here."""
-        return False
-
     def link(self, event: LinkEvent, now: Time) -> bool:
         """Begin to send once there is a link, and see to it that there is one."""
         match event:
@@ -84,9 +80,6 @@ class _Sender:
                     self._next = None
                 self._kernel.after(AGAIN, self._page, WAKE)
         return False
-
-    def drain(self, now: Time) -> None:
-        """Do nothing: what is to be done waits for nothing else of this instant."""
 
     def _page(self) -> None:
         self._channel.command(self._own, Page(self._peer))
@@ -101,7 +94,7 @@ class _Sender:
         self._channel.send(self._own, Outgoing(self._peer, self._payload))
 
 
-class _Receiver:
+class _Receiver(Endpoint):
     """The host of the second: can be found while it has no link, and counts what arrives."""
 
     def __init__(self, channel: Channel, own: Address) -> None:
@@ -119,9 +112,6 @@ class _Receiver:
         if isinstance(event, Connected | Lost) and event.peer == self._own - 1:
             self._channel.command(self._own, Scan(isinstance(event, Lost)))
         return False
-
-    def drain(self, now: Time) -> None:
-        """Do nothing: it has been done."""
 
 
 class Background:

@@ -51,16 +51,22 @@ class Flying(NamedTuple):
 
 
 class Endpoint(Protocol):
-    """The end that a channel delivers to: takes several inputs of one instant, then acts on them once."""
+    """The end that a channel delivers to: takes several inputs of one instant, then acts on them once.
+
+    Who derives from it takes no notice of what it does not override.
+    """
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> bool | None:
         """Take a payload; return False if there is nothing to act on."""
+        return False
 
     def link(self, event: LinkEvent, now: Time) -> bool | None:
         """Take a link event; return False if there is nothing to act on."""
+        return False
 
     def drain(self, now: Time) -> None:
         """Act on what came in at this instant."""
+        return
 
 
 class Channel(ABC):

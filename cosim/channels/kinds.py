@@ -42,7 +42,7 @@ class ChannelSite(NamedTuple):
     trace: Trace
     streams: Streams
     size: int
-    """Number of robots."""
+    """Number of robots, and of stations in the background after them."""
     walls: SegmentGrid
     wall_loss_db: Floats
     """What each wall costs a signal, dB."""

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from pydantic import Field
 
+from cosim.channels.base import Endpoint
 from cosim.channels.ble.advertising import Advertiser
 from cosim.channels.ble.channel import BleChannel
 from cosim.channels.ble.channels import ADVERTISING
@@ -21,7 +22,7 @@ from cosim.channels.ble.settings import AdvertiseSettings, BleSettings, Interfer
 from cosim.channels.clock import NativeClock
 from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
-from cosim.machine import Address, Discovered, Inquire, LinkEvent, Reception, Scan
+from cosim.machine import Address, Discovered, Inquire, LinkEvent, Scan
 from cosim.randomness import Streams
 from cosim.settings import Count, Seconds, Settings
 from cosim.trace import RECEPTIONS, Trace
@@ -63,22 +64,16 @@ class Parameters(Settings):
         return 3 * from_seconds(self.scan_s)
 
 
-class Host:
+class Host(Endpoint):
     """A host that notes when its device has found each other one."""
 
     def __init__(self) -> None:
         self.found: dict[Address, Time] = {}
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Expect nothing: no device sends payloads."""
-
     def link(self, event: LinkEvent, now: Time) -> None:
         """Note the end of the first PDU of a device that is heard."""
         if isinstance(event, Discovered):
             self.found.setdefault(event.peer, now)
-
-    def drain(self, now: Time) -> None:
-        """Do nothing."""
 
 
 class Scene:

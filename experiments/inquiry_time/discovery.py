@@ -11,13 +11,14 @@ from typing import Any, Final
 
 from pydantic import Field
 
+from cosim.channels.base import Endpoint
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.inquiry import InquiryScanSettings, InquirySettings
 from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
-from cosim.machine import Address, Discovered, Inquire, LinkEvent, Reception
+from cosim.machine import Address, Discovered, Inquire, LinkEvent
 from cosim.randomness import Streams
 from cosim.settings import Count, Seconds, Settings
 from cosim.trace import Field as Column
@@ -49,22 +50,16 @@ class Parameters(Settings):
     inquiries: Count = Field(default=100, ge=1, description="inquiries of a run")
 
 
-class Host:
+class Host(Endpoint):
     """An endpoint that records when its device discovered each other one."""
 
     def __init__(self) -> None:
         self.found: dict[Address, Time] = {}
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Expect nothing: no device sends."""
-
     def link(self, event: LinkEvent, now: Time) -> None:
         """Note the end of the first FHS of a device."""
         if isinstance(event, Discovered):
             self.found.setdefault(event.peer, now)
-
-    def drain(self, now: Time) -> None:
-        """Do nothing."""
 
 
 @experiment_function

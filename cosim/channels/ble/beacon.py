@@ -105,7 +105,7 @@ class Beacon:
 
     def _events(self, since: Time, until: Time) -> Iterator[tuple[Advertiser, Event, Time]]:
         """Yield its events of which a packet begins in [since, until), with the instant at which it stops to send."""
-        spans = [(advertiser, over) for advertiser, over in self._ended if over > since] if self._ended else []
+        spans = [(advertiser, over) for advertiser, over in self._ended if over > since]
         if self.advertiser is not None and not (self._quiet[0] <= since and until <= self._quiet[1]):
             spans.append((self.advertiser, until))
         for advertiser, over in spans:

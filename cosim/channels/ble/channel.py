@@ -10,7 +10,6 @@ import numpy as np
 
 from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Channel, Flying, Positions
-from cosim.channels.ble.beacon import LATER
 from cosim.channels.ble.device import Device, Site
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Ether
@@ -242,8 +241,7 @@ class BleChannel(Channel):
                 yield from beacon.packets(since, until)
 
     def _advertises_after(self, time: Time) -> Time:
-        due = (beacon.begins_after(time) for beacon in self._beacons if beacon.advertiser is not None)
-        return min(due, default=LATER)
+        return min(beacon.begins_after(time) for beacon in self._beacons)
 
     def _resting(self, since: Time, until: Time) -> Iterator[Sent]:
         for session in self._sessions:
