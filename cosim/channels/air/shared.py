@@ -180,5 +180,7 @@ class SharedAir:
 
     def _heard_by_others(self) -> list[Neighbour]:
         """Return the channels to which another one is attentive."""
-        attentive = {number for number, each in enumerate(self._neighbours) if each.attentive}
-        return [each for number, each in enumerate(self._neighbours) if attentive - {number}]
+        attentive = [each for each in self._neighbours if each.attentive]
+        if len(attentive) == 1:
+            return [each for each in self._neighbours if each is not attentive[0]]
+        return self._neighbours if attentive else []

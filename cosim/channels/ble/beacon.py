@@ -3,7 +3,7 @@
 An event is not sent if anything else takes the antenna during it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from cosim.channels.ble.advertising import Advertiser, Event
@@ -57,6 +57,8 @@ class Beacon:
         self._due: tuple[Time, Time] = (0, 0)
         """An instant, and the first after it at which a packet is due."""
         self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
+        self.changed: Callable[[Time], None] = lambda now: None
+        """Called with the instant at which it begins or ends."""
 
     def begin(self, now: Time, after: Time) -> None:
         """Advertise from now on, first *after* a while of its own clock."""
@@ -67,6 +69,7 @@ class Beacon:
             self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws)
             self.since, self._begun = now, self._begun + 1
             self._quiet = self._due = 0, 0
+            self.changed(now)
 
     def end(self, now: Time) -> None:
         """Do not advertise any more: what is on the air goes to its end, and nothing begins."""
@@ -74,6 +77,7 @@ class Beacon:
             self._ended = [item for item in self._ended if item[1] > now - LOOKBACK]
             self._ended.append((self.advertiser, now))
             self.advertiser = None
+            self.changed(now)
 
     def silent(self, since: Time, until: Time) -> bool:
         """Return whether no packet of it begins in [since, until), for all that is known."""
@@ -148,6 +152,37 @@ class Beacon:
                     start = advertiser.start(event, turn)
                     if since <= start < min(until, over):
                         yield self.packet(channel, start)
+
+
+class Beacons:
+    """The beacons of all devices: most are asked for times at which none of them sends."""
+
+    def __init__(self, beacons: Sequence[Beacon]) -> None:
+        self._beacons = beacons
+        self._changed: Time = 0
+        """When one of them began or ended last."""
+        self._due: tuple[Time, Time] = (0, 0)
+        """An instant, and the first after it at which a packet of one of them is due."""
+        for beacon in beacons:
+            beacon.changed = self._change
+
+    def _change(self, now: Time) -> None:
+        self._changed, self._due = now, (0, 0)
+
+    def begins_after(self, time: Time) -> Time:
+        """Return the first instant after *time* at which a packet is due, even if the antenna may be taken."""
+        asked, due = self._due
+        if not asked <= time < due:
+            due = min(beacon.begins_after(time) for beacon in self._beacons)
+            self._due = time, due
+        return due
+
+    def packets(self, since: Time, until: Time) -> Iterator[Sent]:
+        """Yield what they send in [since, until), device by device."""
+        if since < self._changed or self.begins_after(since - 1) < until:
+            for beacon in self._beacons:
+                if not beacon.silent(since, until):
+                    yield from beacon.packets(since, until)
 
 
 LATER: Final[Time] = 1 << 61

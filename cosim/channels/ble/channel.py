@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Channel, Flying, Positions
+from cosim.channels.ble.beacon import Beacons
 from cosim.channels.ble.device import Device, Site
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Ether
@@ -95,9 +96,9 @@ class BleChannel(Channel):
             self.devices.append(Device(site, address))
         self._ether.tenancy.reconsider = self._changed
         if settings.interference == "band":
-            tenancy, self._beacons = self._ether.tenancy, [device.station.beacon for device in self.devices]
-            tenancy.lazies += [self._advertised, self._resting]
-            tenancy.nexts.append(self._advertises_after)
+            tenancy, beacons = self._ether.tenancy, Beacons([device.station.beacon for device in self.devices])
+            tenancy.lazies += [beacons.packets, self._resting]
+            tenancy.nexts.append(beacons.begins_after)
         self._meters: list[Meter] = []
         if settings.energy is not None:
             self._meter(settings.energy, sent_dbm)
@@ -234,14 +235,6 @@ class BleChannel(Channel):
                 for end in (central, peripheral)
             )
         )
-
-    def _advertised(self, since: Time, until: Time) -> Iterator[Sent]:
-        for beacon in self._beacons:
-            if not beacon.silent(since, until):
-                yield from beacon.packets(since, until)
-
-    def _advertises_after(self, time: Time) -> Time:
-        return min(beacon.begins_after(time) for beacon in self._beacons)
 
     def _resting(self, since: Time, until: Time) -> Iterator[Sent]:
         for session in self._sessions:
