@@ -81,7 +81,8 @@ class Neighbours:
 
     def catch_up(self, until: Time) -> None:
         """Tell the air of the frames that have begun before *until*."""
-        self.tell(self.begun(until))
+        if len(frames := self.begun(until)):
+            self.tell(frames)
 
     def tell(self, frames: Records) -> None:
         """Tell the air of *frames*: begin, end and source of each. No other radio listens before it talks."""

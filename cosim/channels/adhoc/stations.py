@@ -300,8 +300,10 @@ class Stations:
 
     def take_begun(self, until: Time) -> Records:
         """Return the frames that have begun before *until*, and only once: begin, end and source of each."""
-        count, rows = int(self._common["begun"]), self._network.begun
-        due = count
+        due = count = int(self._common["begun"])
+        rows = self._network.begun
+        if not count:
+            return rows[:0]
         while due and rows["begin"][due - 1] >= until:
             due -= 1
         found: Records = rows[:due].copy()

@@ -68,6 +68,7 @@ class Tenancy:
         self._decided: Time = 0
         """Instant up to which the fates of idle frames are decided."""
         self._ids_told: Time = 0
+        self._next_id: Int64s = np.empty((1, 2), np.int64)  # start and channel
         self.alone = True
         """True if nobody else sends anything: then nobody is told anything."""
         begun = np.zeros((ROOM + 2 * len(self._sent_mw), BEGUN_FIELDS), np.int64)
@@ -179,10 +180,9 @@ class Tenancy:
         """Return an instant after *time* before which nothing begins by itself."""
         band = self._piconets.band
         soonest = next_start(band.piconets, band.links)
-        found: Int64s = np.empty((1, 2), np.int64)
         for train in self._piconets.medium.trains:
-            if list_ids(train, max(self._ids_told, time + 1), NEVER, found):
-                soonest = min(soonest, int(found[0, 0]))
+            if list_ids(train, max(self._ids_told, time + 1), NEVER, self._next_id):
+                soonest = min(soonest, int(self._next_id[0, 0]))
         return max(soonest, time + 1)
 
     def send_due(self, now: Time) -> None:
