@@ -266,7 +266,8 @@ class Sniff:
     """Use the link to *peer* only in a part of every interval of the master's clock; an interval of 0 ends that.
 
     A packet to the slave begins in the first *attempt_slots* from *offset_slots* after each multiple of
-    *interval_slots* on; all three are even.
+    *interval_slots* on; all three are even. Low Energy makes the link's events as rare as that interval, and knows
+    neither of the others.
     """
 
     peer: Address

@@ -50,7 +50,7 @@ from cosim.machine import (
 from cosim.protocol import Metric
 from cosim.randomness import Streams
 from cosim.trace import Trace
-from cosim.units import Time
+from cosim.units import SLOT, Time
 
 
 class BleChannel(Channel):
@@ -142,8 +142,10 @@ class BleChannel(Channel):
                     device.flush_broadcasts()
                 elif command.destination in device.links:
                     device.links[command.destination].flush(source)
-            case Hold() | Sniff() | Park() | Unpark():  # links have a latency instead, from their beginning
-                mode = Mode.ACTIVE if command.peer in device.links else Mode.NONE
+            case Sniff(peer=peer) if peer in device.links:
+                device.links[peer].sniff(source, command.interval_slots * SLOT)
+            case Hold() | Sniff() | Park() | Unpark():
+                mode = device.links[command.peer].mode(source) if command.peer in device.links else Mode.NONE
                 self._hosts.report(source, ModeChanged(command.peer, mode))
             case SwitchRole(peer=peer):
                 session = device.links.get(peer)

@@ -15,21 +15,22 @@ from functools import partial
 from typing import Final
 
 from cosim.channels.ble.antenna import Antenna, Doing
-from cosim.channels.ble.bits.control import ChannelMapInd
+from cosim.channels.ble.bits.control import ChannelMapInd, ConnectionUpdateInd
 from cosim.channels.ble.bits.l2cap import ATTRIBUTES, LEAST_OCTETS, MOST_OCTETS, Message, Reassembly, fragments
 from cosim.channels.ble.bits.pdu import Llid, encode_data
 from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.ble.connections.assessment import Assessment
 from cosim.channels.ble.connections.exchange import Packet, Reception, Side, exchange_time
 from cosim.channels.ble.connections.link import Link
+from cosim.channels.ble.connections.parameters import INTERVAL_UNIT, ConnectionParameters, TransmitWindow
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.ether import Judgement
 from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.phy import T_IFS, Phy
 from cosim.channels.energy import RECEIVE, TRANSMIT, Use
-from cosim.errors import WireError
+from cosim.errors import UserError, WireError
 from cosim.kernel import Handle
-from cosim.machine import Address, Lost, Outcome, Outgoing
+from cosim.machine import Address, Lost, Mode, ModeChanged, Outcome, Outgoing
 from cosim.machine import Reception as Arrived
 from cosim.units import US, Time
 
@@ -88,6 +89,9 @@ class Session:
         """Which part of each interval of its central it has."""
         self._kernel, self._ether, self._hosts, self._record = environment
         self._limits = limits
+        self._first = link.central.parameters
+        self._told = [self._first, self._first]
+        """What the hosts of both ends know that it has."""
         self._lost, self._may_rest = lost, may_rest
         self._metered = terminals[Side.CENTRAL].antenna.meter is not None
         self._resting = False
@@ -161,6 +165,34 @@ class Session:
         self.flush(address)
         with self._awake():
             self.link.terminate(self.side(address))
+
+    def mode(self, address: Address) -> Mode:
+        """Return the mode of the link for the end *address*: in SNIFF events are rarer than at first."""
+        parameters = self.link.ends[self.side(address)].parameters
+        return Mode.ACTIVE if parameters == self._first else Mode.SNIFF
+
+    def sniff(self, address: Address, interval: Time) -> None:
+        """Have the central announce an interval of *interval* at most, which is a multiple of the first one, or that.
+
+        Its host, and that of the peripheral, hear of it when it takes effect; the host of *address* does at once if
+        nothing changes: a peripheral announces nothing, and one change must be over before the next.
+        """
+        parameters, central = self._rarer(interval), self.link.central
+        changing = any(isinstance(change, ConnectionUpdateInd) for _, change in central.pending)
+        if address != self.central or parameters is None or changing or parameters == central.parameters:
+            other = self.terminals[1 - self.side(address)]
+            self._hosts.report(address, ModeChanged(other.address, self.mode(address)))
+            return
+        with self._awake():
+            self.link.announce(partial(ConnectionUpdateInd, TransmitWindow(INTERVAL_UNIT, 0), parameters))
+
+    def _rarer(self, interval: Time) -> ConnectionParameters | None:
+        """Return parameters for events at the same time of some of the first intervals; None if there are none."""
+        first = self._first.interval
+        try:
+            return self._first if interval < 2 * first else self._first.of_interval(interval // first * first)
+        except UserError:
+            return None
 
     def drop(self, address: Address) -> None:
         """Forget the link at the end *address*, whose device is switched off."""
@@ -458,9 +490,12 @@ class Session:
         self._look_out()
 
     def _settle(self) -> None:
-        """Tell hosts of what has been lost."""
+        """Tell hosts of what has changed, or been lost."""
         for side, end in zip(Side, self.link.ends, strict=True):
             terminal, other = self.terminals[side], self.terminals[1 - side]
+            if end.parameters != self._told[side] and not terminal.gone:
+                self._told[side] = end.parameters
+                self._hosts.report(terminal.address, ModeChanged(other.address, self.mode(terminal.address)))
             if end.loss is not None and not terminal.gone:
                 self._leave(side)
                 self._hosts.report(terminal.address, Lost(other.address))

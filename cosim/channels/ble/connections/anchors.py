@@ -25,18 +25,26 @@ class Anchors:
     event: int
     local: Time
     interval: Time
+    before: "Anchors | None" = None
+    """Those of earlier events, where these are another interval's."""
 
     def at(self, event: int) -> Time:
         """Return the local time of the anchor of *event*."""
+        if self.before is not None and event < self.event:
+            return self.before.at(event)
         return self.local + (event - self.event) * self.interval
 
     def first_from(self, clock: NativeClock, time: Time) -> int:
         """Return the first event whose anchor, counted on *clock*, is not before the simulated *time*."""
-        return self.event + (clock.local(time - 1) - self.local) // self.interval + 1
+        event = self.event + (clock.local(time - 1) - self.local) // self.interval + 1
+        if self.before is not None and event <= self.event:
+            return min(self.before.first_from(clock, time), self.event)
+        return event
 
     def updated(self, instant: int, offset: Time, interval: Time) -> "Anchors":
         """Return the anchors from event *instant* on, which begins *offset* late and brings a new *interval*."""
-        return Anchors(instant, self.at(instant) + offset, interval)
+        earlier = replace(self, before=None)  # changes are far apart: nobody asks for what was before that
+        return Anchors(instant, self.at(instant) + offset, interval, earlier)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """The parameters of a connection, and their bounds (Core v5.0, Vol 6 Part B, sections 2.3.3.1 and 4.5)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from cosim.errors import UserError
@@ -43,6 +43,11 @@ class ConnectionParameters:
             raise UserError(
                 f"supervision timeout: {self.timeout / MS:g} ms is not > {least / MS:g} ms, 2 (1 + latency) intervals"
             )
+
+    def of_interval(self, interval: Time) -> "ConnectionParameters":
+        """Return these with another *interval*, and a timeout that is as long, or as short as that allows."""
+        least = 2 * (1 + self.latency) * interval // TIMEOUT_UNIT * TIMEOUT_UNIT + TIMEOUT_UNIT
+        return replace(self, interval=interval, timeout=max(self.timeout, least))
 
 
 @dataclass(frozen=True, slots=True)
