@@ -61,6 +61,8 @@ class Session:
     on_air: Packet | None = None
     watched: list[int] = field(default_factory=lambda: [-1, -1])
     payloads: tuple[list[Payload], list[Payload]] = field(default_factory=lambda: ([], []))
+    intervals: list[int] = field(default_factory=lambda: [0, 0])
+    """What the hosts of both ends know of how long from one event to the next; 0: as at first."""
 
     def least(self) -> int:
         """Return how long a poll, an empty answer and the spaces behind both last."""
