@@ -83,7 +83,7 @@ def draw_settings(choice: Choice, level: int) -> dict[str, Any]:
         "interference": pick(choice, ("none", "band")),
         "clock_ppm": pick(choice, (1, 20, 50, choice.integer(1, 500), 500)),
         "advertise": {"interval_s": pick(choice, (0.02, 0.02, 0.03, 0.1, 0.0225, 0.5))},
-        "scan": draw_scan(choice),
+        "scan": draw_scan(choice) | pick(choice, ({}, {"active": True})),
         "listen": draw_scan(choice),
         "page_s": pick(choice, (5.12, 0.5, 0.1, choice.integer(20_000_000, 900_000_000) / 1e9)),
     }
@@ -99,7 +99,7 @@ def draw_settings(choice: Choice, level: int) -> dict[str, Any]:
     return settings
 
 
-def draw_scan(choice: Choice) -> dict[str, float]:
+def draw_scan(choice: Choice) -> dict[str, Any]:
     interval_s, window_s = pick(choice, SCANS)
     return {"interval_s": interval_s, "window_s": window_s}
 

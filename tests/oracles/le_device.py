@@ -38,6 +38,15 @@ class Procedure:
     found: list[int] = field(default_factory=list)
     connecting: bool = False
     """True once a page has answered an advertisement."""
+    limit: int = 1
+    count: int = 1
+    """How many advertisements come up to that which is asked for a name, and that number's upper limit."""
+    row: int = 0
+    """How many requests have been answered in a row, or failed if it is negative."""
+    asked: int = 0
+    """Requests that are over."""
+    number: int = 0
+    """How many inquiries the device has begun before."""
 
 
 @dataclass(eq=False)
@@ -103,6 +112,10 @@ class Device:
         """Times [begin, end) of the events of connectable advertising that were sent."""
         self.takings: list[Taking] = []
         self.procedure: Procedure | None = None
+        self.askers: list[tuple[int, Device, Procedure]] = []
+        """Who has asked for its name at this instant."""
+        self.inquiries = 0
+        """How many it has begun."""
         self.procedures: deque[Inquire | Page] = deque()
         self.links: dict[int, tuple[Session, Side]] = {}
 

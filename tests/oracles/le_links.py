@@ -29,7 +29,7 @@ from tests.oracles.le_device import Device, Payload, Session
 if TYPE_CHECKING:
     from tests.oracles.le_channel import LeChannel
 
-OVER, TIMER, START = range(3)
+DEADLINE, OVER, TIMER, START = range(-1, 3)
 UNIT = 1_250 * US
 PHYS: dict[str, tuple[int, Phy]] = {"1M": (PHY_1M, LE_1M), "2M": (PHY_2M, LE_2M), "coded": (PHY_CODED, CODED_S8)}
 HANDLE = bytes(3)
@@ -218,7 +218,7 @@ class Links:
             deadline = session.link.deadline(side)
             if session.alive[side] and deadline != session.watched[side] and session.link.ends[side].loss is None:
                 session.watched[side] = deadline
-                self.channel.at(max(deadline, self.channel.now), TIMER, self.expire, session)
+                self.channel.at(max(deadline, self.channel.now), DEADLINE, self.expire, session)
 
     def expire(self, session: Session) -> None:
         """Let ends be lost whose time is over."""

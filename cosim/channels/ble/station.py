@@ -1,9 +1,12 @@
 """A device as others meet it: what it advertises, and when it listens on which channel."""
 
+from collections.abc import Callable
+
 from cosim.channels.ble.antenna import Antenna
 from cosim.channels.ble.beacon import Beacon
 from cosim.channels.ble.ether import Ether
 from cosim.channels.ble.scanning import ScanWindows
+from cosim.kernel import Kernel
 from cosim.machine import Address
 from cosim.units import Time
 
@@ -18,6 +21,19 @@ class Station:
         self.windows = windows
         """When it listens now: other ones during a procedure."""
         self._ether = ether
+        self._asked: dict[Address, Callable[[bool], None]] = {}
+        """Who has just asked it for a scan response, and what takes whether it answers."""
+
+    def ask(self, kernel: Kernel, scanner: Address, answer: Callable[[bool], None]) -> None:
+        """Take a request of *scanner*, heard now; of all requests that are heard at one instant one is answered."""
+        if not self._asked:
+            kernel.at(kernel.now, self._choose)
+        self._asked[scanner] = answer
+
+    def _choose(self) -> None:
+        asked, self._asked = self._asked, {}
+        for scanner, answer in asked.items():
+            answer(scanner == min(asked))
 
     def is_free(self, start: Time, end: Time) -> bool:
         """Return whether it was on, and its antenna was free to listen, in [start, end)."""
