@@ -75,8 +75,6 @@ class Beacon:
         self._antenna = antenna
         self._draws = draws
         self._begun = 0
-        self._quiet: tuple[Time, Time] = (0, 0)
-        """A time [since, until) in which none of its packets begins."""
         self._due: tuple[Time, Time] = (0, 0)
         """An instant, and the first after it at which a packet is due."""
         self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
@@ -91,7 +89,7 @@ class Beacon:
             draws = self._draws(self._begun)
             self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws, self._gap)
             self.since, self._begun = now, self._begun + 1
-            self._quiet = self._due = 0, 0
+            self._due = 0, 0
             self.changed(now)
 
     def end(self, now: Time) -> None:
@@ -133,13 +131,11 @@ class Beacon:
     def _events(self, since: Time, until: Time) -> Iterator[tuple[Advertiser, Event, Time]]:
         """Yield its events of which a packet begins in [since, until), with the instant at which it stops to send."""
         spans = [(advertiser, over) for advertiser, over in self._ended if over > since]
-        if self.advertiser is not None and not (self._quiet[0] <= since and until <= self._quiet[1]):
+        if self.advertiser is not None and self.begins_after(since - 1) < until:
             spans.append((self.advertiser, until))
         for advertiser, over in spans:
             event = advertiser.event_from(since)
             begin = advertiser.start(event, 0)
-            if advertiser is self.advertiser and begin >= until:
-                self._quiet = since, begin
             while begin < min(until, over):
                 yield advertiser, event, over
                 event = advertiser.after(event)
