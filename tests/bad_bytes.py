@@ -19,9 +19,11 @@ from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.base import Queues
 from cosim.channels.adhoc.routing.flooding import Flooding, FloodingSettings
 from cosim.channels.adhoc.routing.olsr import Olsr, OlsrSettings
-from cosim.channels.ble import broadcasting, dissection
+from cosim.channels.ble import dissection
 from cosim.channels.ble.bits import control, l2cap, pdu
 from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
+from cosim.channels.ble.broadcasts import extended
+from cosim.channels.ble.broadcasts.structures import piece_of
 from cosim.channels.ble.connections import channel_map
 from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.bluetooth.bits import codes, packet
@@ -165,7 +167,7 @@ def pdus(part: str) -> Callable[[], Frames]:
 
 
 def pieces() -> Frames:
-    return [*broadcasting.pieces(b""), *broadcasting.pieces(bytes(range(256)) * 2)]
+    return [*extended.pieces(b""), *extended.pieces(bytes(range(256)) * 2)]
 
 
 class Defragmenter:
@@ -445,7 +447,7 @@ def _of_low_energy() -> dict[str, Decoder]:
         f"{ble}.dissection.dissect": Decoder(
             lambda octets: dissection.dissect(next(kinds), octets), packets_of_low_energy, mend=counted_in_packet
         ),
-        "pieces of payloads for everyone": Decoder(broadcasting.piece_of, pieces, NONE),
+        "pieces of payloads for everyone": Decoder(piece_of, pieces, NONE),
         "L2CAP messages in fragments": Decoder(Defragmenter().take, l2cap_messages, mend=counted_message),
         "a viewer of Low Energy": Decoder(Viewer().take, packets_of_low_energy, NONE, counted_in_packet),
     }

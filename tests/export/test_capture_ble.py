@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cosim.channels.ble.broadcasting import LONGEST_BROADCAST
+from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST
 from cosim.cli import main
 from cosim.export.capture import write_capture
 from cosim.export.low_energy import packets

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.channels.ble.broadcasting import LONGEST_BROADCAST
+from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST
 from cosim.channels.propagation import PropagationSettings
 from cosim.export.capture import write_capture
 from cosim.machine import BROADCAST, Disconnect, Flush, Inquire, Page, Scan

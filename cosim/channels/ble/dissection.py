@@ -40,7 +40,7 @@ from cosim.channels.ble.bits.pdu import (
     decode_advertising,
     decode_data,
 )
-from cosim.channels.ble.broadcasting import piece_of
+from cosim.channels.ble.broadcasts.structures import piece_of
 from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.ble.phy import CRC_OCTETS, HEADER_OCTETS
 from cosim.channels.ble.session import NOTIFICATION

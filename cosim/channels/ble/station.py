@@ -1,8 +1,11 @@
 """A device as others meet it: what it advertises, and when it listens on which channel."""
 
+from collections.abc import Callable
+
 from cosim.channels.ble.antenna import Antenna
 from cosim.channels.ble.beacon import Beacon
 from cosim.channels.ble.ether import Ether
+from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.scanning import ScanWindows
 from cosim.machine import Address
 from cosim.units import Time
@@ -17,6 +20,8 @@ class Station:
         self.beacon = beacon
         self.windows = windows
         """When it listens now: other ones during a procedure."""
+        self.take: Callable[[Sent, float | None], None] = lambda packet, power_dbm: None
+        """Takes a packet for everyone that it has heard, and its power where that is known: what a mesh is made of."""
         self._ether = ether
 
     def is_free(self, start: Time, end: Time) -> bool:

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from cosim.channels.ble.broadcasting import LONGEST_BROADCAST, piece_of, pieces
+from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST, pieces
+from cosim.channels.ble.broadcasts.structures import piece_of
 from cosim.channels.ble.dissection import dissect
 from cosim.errors import WireError
 from tests.channels.ble.test_pdu import LL_DATA_OCTETS
