@@ -256,8 +256,9 @@ def test_segments_of_a_mesh_are_put_together_again() -> None:
     chance = random.Random(1)
     one, other = chance.randbytes(60), chance.randbytes(50)
     turns = [flooded(0, 8_190, one), flooded(1, 8_190, other), flooded(0, 8_196, b"whole"), flooded(0, 8_197, other)]
+    turns.append(flooded(0, 8_190 + 8_192, one[::-1]))
     sent = [part for at in range(0, 36, 6) for turn in turns for part in turn[at : at + 6]]
-    wanted = [one, other, None, other]
+    wanted = [one, other, None, other, one[::-1]]
     for at, here in enumerate(sent):
         which = next(number for number, turn in enumerate(turns) if here in turn)
         found = put_together(here, reversed(sent[:at]), iter(sent[at + 1 :]))

@@ -18,12 +18,13 @@ from cosim.channels.ble.bits.pdu import (
     encode_advertising,
 )
 from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST
+from cosim.channels.ble.broadcasts.mesh import parts
 from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.phy import LE_1M
 from cosim.channels.ble.settings import BleSettings
 from cosim.channels.ble.spec import SPEC
 from cosim.channels.energy import TRANSMIT
-from cosim.machine import BROADCAST, Fate, Flush, Outcome, Scan
+from cosim.machine import BROADCAST, Fate, Flush, Outcome, Outgoing, Scan
 from cosim.protocol import PayloadBytes
 from cosim.trace import FRAMES, PAYLOADS, TRANSMISSIONS
 from cosim.units import MS, US, S
@@ -169,6 +170,7 @@ def test_a_full_network_pdu_takes_376_us_and_is_what_the_specification_lays_down
         assert {data for *_, data in rows[9 * turn : 9 * turn + 9]} == {head + segment + bytes(4)}
     assert columns["length"] == [9] * 9 + [12] * 9 + [8] * 9
     assert columns["retry"] == ([False] * 3 + [True] * 6) * 3
+    assert field.trace.columns(PAYLOADS.name)["begun_ns"] == [rows[0][0]]
     assert field.arrived(1) == [payload]
 
 
@@ -200,6 +202,10 @@ def test_on_a_line_ttl_hops_are_reached_and_each_node_sends_as_often_as_it_is_to
     assert sent_by(field) == {0: 3 * own} | dict.fromkeys(repeating, 3 * of_others)
     for _, sender, data in bodies(field):
         assert decode_network(data[2:]).ttl == ttl - sender
+    columns = field.trace.columns(TRANSMISSIONS.name)
+    again = [retry for retry, sender in zip(columns["retry"], columns["source"], strict=True) if sender == 0]
+    assert again == [False] * 3 + [True] * 3 * (own - 1)
+    assert sum(columns["retry"]) == len(columns["retry"]) - 3  # relays send what has been on the air
 
 
 def test_a_line_without_relays_has_one_hop() -> None:
@@ -308,7 +314,7 @@ def test_pdus_are_sent_one_after_the_other() -> None:
 
 
 def test_a_flush_takes_out_what_has_not_been_on_the_air_and_only_that() -> None:
-    field = line_of(2)
+    field = line_of(2, queue_payloads=3)
     for token, payload in enumerate((bytes(20), bytes(30), b"z")):
         field.send(0, BROADCAST, payload, token)
     heard(field, 0, from_another(7))
@@ -350,6 +356,20 @@ def test_who_is_switched_off_forgets_what_it_had_to_send_but_no_sequence_number(
     field.send(0, BROADCAST, b"again")
     field.until(9 * S)
     assert (field.arrived(1), field.arrived(2)) == ([b"again"], [b"again"])
+
+
+def test_who_is_switched_off_forgets_what_is_not_whole() -> None:
+    for off in (False, True):
+        field = field_of(1, "mesh")
+        first, *others = (each.pdu for each in parts(39, 7, 0, Outgoing(BROADCAST, bytes(20))))
+        heard(field, 0, first)
+        if off:
+            field.channel.power(0, False)
+            field.channel.power(0, True)
+        for each in others:
+            heard(field, 0, each)
+        field.until(1 * S)
+        assert field.arrived(0) == ([] if off else [bytes(20)])
 
 
 def test_a_relay_pays_for_what_it_sends() -> None:

@@ -102,7 +102,7 @@ def test_what_is_no_network_pdu_is_refused(octets: str, why: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "octets", ["", "00 11223344", "00" * 17, "80 00ac", "80 26ac01", "80 26ac01 00", "80 26ac20 00"]
+    "octets", ["", "00 11223344", "00" * 17, "80 00ac", "80 26ac01", "80 26ac01 00", "80 26ac20" + "00" * 12]
 )
 def test_what_is_no_lower_transport_pdu_is_refused(octets: str) -> None:
     with pytest.raises(WireError):
@@ -174,6 +174,12 @@ def test_segments_in_any_order_make_a_payload_once() -> None:
         inbox = Inbox()
         taken = [inbox.take(each, turn) for turn, each in enumerate((*order, *order))]
         assert [each for each in taken if each is not None] == [payload]
+
+
+def test_a_segment_that_is_sent_anew_with_another_sequence_number_is_of_the_same_message() -> None:
+    inbox, (first, second, third) = Inbox(), pdus(8_190, bytes(20))
+    assert [inbox.take(each, 0) for each in (third, first)] == [None, None]
+    assert inbox.take(second._replace(sequence=8_190 + 700), 0) == bytes(20)
 
 
 @pytest.mark.parametrize("missing", range(6))
