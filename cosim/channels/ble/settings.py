@@ -85,7 +85,7 @@ class AdvertiseSettings(Settings):
 
 
 class MeshSettings(Settings):
-    """How nodes of Bluetooth Mesh flood; the defaults are those of Zephyr and NimBLE."""
+    """How nodes of Bluetooth Mesh flood; the defaults are Zephyr's (subsys/bluetooth/mesh/Kconfig, 007eaf2d)."""
 
     ttl: Count = Field(
         default=7, le=127, description="hops that a payload makes at most; 0 for one that nobody is to repeat, never 1"
@@ -97,7 +97,10 @@ class MeshSettings(Settings):
     relay: bool = Field(default=True, description="whether nodes repeat what others send")
     relay_transmits: Count = Field(default=3, ge=1, le=8, description="times that a node sends each PDU of others")
     relay_interval_s: Seconds = Field(default=0.02, gt=0, description="s from one of them to the next, likewise")
-    cache: Count = Field(default=10, ge=1, description="PDUs that a node remembers, so as not to take them twice")
+    relay_buffers: Count = Field(
+        default=32, ge=1, description="PDUs of others that a node holds; it does not repeat what comes beyond them"
+    )
+    cache: Count = Field(default=32, ge=2, description="PDUs that a node remembers, so as not to take them twice")
 
     @model_validator(mode="after")
     def _sound(self) -> Self:

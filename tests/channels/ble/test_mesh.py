@@ -99,7 +99,8 @@ def test_no_wrong_settings_are_taken() -> None:
         ({"by": "mesh", "mesh": {"relay_interval_s": 0.33}}, "multiple of 10 ms from 10 to 320"),
         ({"by": "mesh", "mesh": {"relay_transmits": 9}}, "relay_transmits"),
         ({"by": "mesh", "mesh": {"network_transmits": 0}}, "network_transmits"),
-        ({"by": "mesh", "mesh": {"cache": 0}}, "cache"),
+        ({"by": "mesh", "mesh": {"cache": 1}}, "cache"),
+        ({"by": "mesh", "mesh": {"relay_buffers": 0}}, "relay_buffers"),
         ({"by": "flood"}, "by"),
     ):
         with pytest.raises(ValidationError, match=told):
@@ -271,7 +272,7 @@ def from_another(sequence: int, source: int = 40) -> NetworkPdu:
     return NetworkPdu(5, sequence, source, ALL_NODES, encode_lower(Whole(encode_upper(b"other"), 0)))
 
 
-@pytest.mark.parametrize("cache", [1, 2, 10])
+@pytest.mark.parametrize("cache", [2, 3, 10])
 def test_a_cache_holds_as_many_pdus_as_it_has_room_for_and_the_oldest_goes_first(cache: int) -> None:
     field = field_of(1, "mesh", mesh={"cache": cache, "relay_transmits": 1})
     for sequence in range(cache):
@@ -289,6 +290,21 @@ def test_a_cache_holds_as_many_pdus_as_it_has_room_for_and_the_oldest_goes_first
     field.until(15 * S)
     assert sent_by(field)[0] == 3 * (cache + 2)
     assert field.arrived(0) == [b"other"] * (cache + 1)  # the host gets what it has had no more
+
+
+def test_a_node_repeats_no_more_than_it_has_buffers_for_but_takes_all() -> None:
+    field = field_of(1, "mesh", mesh={"relay_buffers": 3, "relay_transmits": 2})
+    for source in range(40, 45):
+        heard(field, 0, from_another(7, source))
+    field.send(0, BROADCAST, b"own", 1)
+    field.until(3 * S)
+    sources = [decode_network(data[2:]).source for *_, data in bodies(field)]
+    assert sources == [40] * 6 + [41] * 6 + [42] * 6 + [1] * 9
+    assert field.arrived(0) == [b"other"] * 5
+    for source in (44, 45, 46, 47):  # the first is known
+        heard(field, 0, from_another(7, source))
+    field.until(6 * S)
+    assert sent_by(field)[0] == 3 * (6 * 2 + 3)
 
 
 def test_a_node_repeats_nothing_of_its_own_and_takes_no_control_message() -> None:

@@ -99,7 +99,8 @@ class Node:
         self._address = speaker.station.address
         self._queue: deque[Queued] = deque()
         self._under_way: Advertised | None = None
-        self._held = 0
+        self._held = self._relayed = 0
+        """Own payloads, and PDUs of others, that are not over."""
         self._sent = 0
         self._sequence = 0
         self._cache: dict[tuple[int, int, int], None] = {}
@@ -136,12 +137,14 @@ class Node:
         self._queue.clear()
         self._cache.clear()
         self._inbox.forget()
-        self._held = 0
+        self._held = self._relayed = 0
 
     def sent(self, queued: Queued) -> None:
         """Go on with the next: all events of *queued* are over."""
         self._under_way = None
-        if queued.last and queued.outgoing is not None:
+        if queued.outgoing is None:
+            self._relayed -= 1
+        elif queued.last:
             self._held -= 1
             self._hosts.over(self._address, queued.outgoing, Outcome.SENT)
         self._next()
@@ -166,7 +169,8 @@ class Node:
             return
         if payload is not None:
             self._hosts.arrive((self._address, payload, Reception(pdu.source - element(0), True, power_dbm)))
-        if self.settings.relay and pdu.ttl >= 2:
+        if self.settings.relay and pdu.ttl >= 2 and self._relayed < self.settings.relay_buffers:
+            self._relayed += 1
             self._queue.append(Queued(pdu._replace(ttl=pdu.ttl - 1), packet.length))
             self._next()
 
