@@ -19,15 +19,21 @@ from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.base import Queues
 from cosim.channels.adhoc.routing.flooding import Flooding, FloodingSettings
 from cosim.channels.adhoc.routing.olsr import Olsr, OlsrSettings
-from cosim.channels.ble import broadcasting, dissection
+from cosim.channels.ble import dissection
 from cosim.channels.ble.bits import control, l2cap, pdu
 from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
+from cosim.channels.ble.bits.mesh import bearer, lower_transport, network, upper_transport
+from cosim.channels.ble.bits.mesh.upper_transport import LONGEST_PAYLOAD
+from cosim.channels.ble.broadcasts import extended
+from cosim.channels.ble.broadcasts.inbox import Inbox
+from cosim.channels.ble.broadcasts.mesh import parts
+from cosim.channels.ble.broadcasts.structures import piece_of, structure
 from cosim.channels.ble.connections import channel_map
 from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.bluetooth.bits import codes, packet
 from cosim.decoding import decoded, frame_said, packet_name
 from cosim.errors import UserError, WireError
-from cosim.machine import BROADCAST, OPERATOR, Machine, Reception
+from cosim.machine import BROADCAST, OPERATOR, Machine, Outgoing, Reception
 from cosim.randomness import Draws
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
@@ -147,6 +153,7 @@ def low_energy() -> tuple[Frames, dict[str, Frames]]:
     for number in (2, 4):
         packets |= {bytes.fromhex(body) for body in drawn_run(number).trace.columns(TRANSMISSIONS.name)["body"]}
     golden = {bytes.fromhex(octets) for _, octets in ADVERTISEMENTS}
+    golden |= {made_nonconnectable(data) for data in data_for_all()}
     address = ADVERTISING_ADDRESS.to_bytes(4, "little")
     advertising = golden | {each[4:-3] for each in packets if each[:4] == address}
     data = {each[4:-3] for each in packets if each[:4] != address}
@@ -154,6 +161,41 @@ def low_energy() -> tuple[Frames, dict[str, Frames]]:
     packets |= {address + each + b"crc" for each in golden}
     parts = {"advertising": advertising, "data": data, "control": controls}
     return sorted(packets), {name: sorted(part) for name, part in parts.items()}
+
+
+def messages_of_a_mesh() -> list[network.NetworkPdu]:
+    """Return network PDUs with payloads whole and in segments, and a control message."""
+    sizes = (0, 1, 8, 9, 100, LONGEST_PAYLOAD)
+    made = [
+        each.pdu
+        for sequence, size in enumerate(sizes)
+        for each in parts(size % 3, 7, 1_000 * sequence, Outgoing(BROADCAST, bytes(size)))
+    ]
+    return [*made, network.NetworkPdu(0, 1, 0x1201, 0xFFFD, bytes.fromhex("034b50057e400000010000"), True, 0x68)]
+
+
+def network_pdus() -> Frames:
+    return [network.encode_network(each) for each in messages_of_a_mesh()]
+
+
+def data_for_all() -> Frames:
+    """Return advertising data of legacy advertising, and of a mesh."""
+    return [structure(b""), structure(bytes(27)), *(bearer.encode_bearer(each) for each in network_pdus())]
+
+
+def made_nonconnectable(data: bytes) -> bytes:
+    kind, address = pdu.AdvertisingType.ADV_NONCONN_IND, pdu.DeviceAddress(0xC05100000001, True)
+    return pdu.encode_advertising(pdu.Undirected(kind, address, data))
+
+
+class Node:
+    """A node of a mesh that takes network PDUs, a millisecond apart."""
+
+    def __init__(self) -> None:
+        self._inbox, self._times = Inbox(), count(0, MS)
+
+    def take(self, octets: bytes) -> None:
+        self._inbox.take(network.decode_network(octets), next(self._times))
 
 
 def packets_of_low_energy() -> Frames:
@@ -165,7 +207,7 @@ def pdus(part: str) -> Callable[[], Frames]:
 
 
 def pieces() -> Frames:
-    return [*broadcasting.pieces(b""), *broadcasting.pieces(bytes(range(256)) * 2)]
+    return [*extended.pieces(b""), *extended.pieces(bytes(range(256)) * 2)]
 
 
 class Defragmenter:
@@ -202,7 +244,7 @@ class Viewer:
         self._rows: deque[dict[str, Any]] = deque(maxlen=6)
 
     def take(self, octets: bytes) -> None:
-        kind = ("DATA", "AUX_ADV_IND", "AUX_CHAIN_IND")[len(octets) % 3]
+        kind = ("DATA", "AUX_ADV_IND", "AUX_CHAIN_IND", "ADV_NONCONN_IND")[len(octets) % 4]
         row = {"source": 0, "kind": kind, "body": octets.hex(), "retry": len(octets) % 7 == 0, "routed": False}
         rows = list(self._rows)
         said = frame_said(LOW_ENERGY, octets, row, lambda _: (iter(rows[:3]), iter(rows[3:])))
@@ -432,7 +474,7 @@ def telling(made: Scenario, routed: bool = False) -> Callable[[bytes], object]:
 
 def _of_low_energy() -> dict[str, Decoder]:
     bits, ble = "cosim.channels.ble.bits", "cosim.channels.ble"
-    kinds = cycle(("DATA", "CONTROL", "AUX_ADV_IND", "AUX_CHAIN_IND", "ADV_IND"))
+    kinds = cycle(("DATA", "CONTROL", "AUX_ADV_IND", "AUX_CHAIN_IND", "ADV_IND", "ADV_NONCONN_IND"))
     parameters = [bytes.fromhex(LL_DATA_OCTETS)]
     return {
         f"{bits}.pdu.decode_advertising": Decoder(pdu.decode_advertising, pdus("advertising"), mend=counted),
@@ -445,7 +487,16 @@ def _of_low_energy() -> dict[str, Decoder]:
         f"{ble}.dissection.dissect": Decoder(
             lambda octets: dissection.dissect(next(kinds), octets), packets_of_low_energy, mend=counted_in_packet
         ),
-        "pieces of payloads for everyone": Decoder(broadcasting.piece_of, pieces, NONE),
+        f"{bits}.mesh.bearer.decode_bearer": Decoder(bearer.decode_bearer, lambda: data_for_all()[2:]),
+        f"{bits}.mesh.network.decode_network": Decoder(network.decode_network, network_pdus),
+        f"{bits}.mesh.lower_transport.decode_lower": Decoder(
+            lower_transport.decode_lower, lambda: [each.transport for each in messages_of_a_mesh() if not each.control]
+        ),
+        f"{bits}.mesh.upper_transport.decode_upper": Decoder(
+            upper_transport.decode_upper, lambda: [upper_transport.encode_upper(bytes(size)) for size in (0, 1, 100)]
+        ),
+        "a node of a mesh": Decoder(Node().take, network_pdus),
+        "pieces of payloads for everyone": Decoder(piece_of, pieces, NONE),
         "L2CAP messages in fragments": Decoder(Defragmenter().take, l2cap_messages, mend=counted_message),
         "a viewer of Low Energy": Decoder(Viewer().take, packets_of_low_energy, NONE, counted_in_packet),
     }

@@ -20,7 +20,9 @@ LOOKS: Final[dict[str, Look]] = {
     **dict.fromkeys(("NULL", "EMPTY"), Look("#ebebeb", "#000000")),
     **dict.fromkeys(("DM1", "DM3", "DM5", "DATA", "frame"), Look("#0072b2", "#ffffff")),
     **dict.fromkeys(("DH1", "DH3", "DH5", "AUX1"), Look("#00436a", "#ffffff")),
-    **dict.fromkeys(("HV1", "HV2", "HV3", "AUX_ADV_IND", "AUX_CHAIN_IND"), Look("#cc79a7", "#000000")),
+    **dict.fromkeys(
+        ("HV1", "HV2", "HV3", "ADV_NONCONN_IND", "AUX_ADV_IND", "AUX_CHAIN_IND"), Look("#cc79a7", "#000000")
+    ),
     "RTS": Look("#4f9d7d", "#000000"),
     "CTS": Look("#93c9b1", "#000000"),
     "ACK": Look("#d9efe4", "#000000"),

@@ -37,6 +37,7 @@ PACKETS: Final[dict[str, str]] = {
     "CTS": "802.11: clear to send",
     "ACK": "802.11: the last frame has come",
     "ADV_IND": "Bluetooth Low Energy: says who is there, and can be connected",
+    "ADV_NONCONN_IND": "Bluetooth Low Energy: a payload for everyone, or a part of one",
     "ADV_EXT_IND": "Bluetooth Low Energy: says where a payload for everyone is",
     "AUX_ADV_IND": "Bluetooth Low Energy: a payload for everyone, or its beginning",
     "AUX_CHAIN_IND": "Bluetooth Low Energy: more of a payload for everyone",

@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cosim.channels.ble.broadcasting import LONGEST_BROADCAST
+from cosim.channels.ble.bits.mesh.upper_transport import LONGEST_PAYLOAD
+from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST
+from cosim.channels.ble.broadcasts.legacy import LONGEST_LEGACY
 from cosim.cli import main
 from cosim.export.capture import write_capture
 from cosim.export.low_energy import packets
@@ -86,6 +88,31 @@ def test_tshark_reads_all_of_a_run_without_complaint(phy: str, tshark: str, tmp_
     order = sorted(range(count), key=lambda row: (columns["time_ns"][row], columns["source"][row]))
     assert [int(row[1]) for row in rows] == [columns["channel"][at] // 2 for at in order]
     assert {int(row[2], 0) for row in rows} == {"1M": {0}, "2M": {0, 1}, "coded": {0, 2}}[phy]
+
+
+@pytest.mark.parametrize(("by", "longest"), [("legacy", LONGEST_LEGACY), ("mesh", LONGEST_PAYLOAD)])
+def test_tshark_reads_what_is_for_everyone_without_complaint(
+    by: str, longest: int, tshark: str, tmp_path: Path
+) -> None:
+    field = Field(3, tables=(TRANSMISSIONS,), broadcast={"by": by})
+    payloads = [bytes(range(size % 256)) + bytes(size - size % 256) for size in (0, 1, 8, 9, 20, 27, longest)]
+    for payload in payloads:
+        field.send(0, BROADCAST, payload)
+    field.until(10 * S)
+    assert field.arrived(1) == field.arrived(2)
+    assert sorted(map(len, field.arrived(1))) == sorted(map(len, payloads))
+    path = tmp_path / "ble.pcapng"
+    count = write_capture(path, field.channel, field.trace, "")
+    assert not [line for line in experts(tshark, path) if "Malformed" in line or "Error" in line]
+    names = ["_ws.col.Info", "_ws.malformed", "btcommon.eir_ad.entry.type", "btcommon.eir_ad.entry.company_id"]
+    rows = read_fields(tshark, path, [*names, "btle.advertising_header.pdu_type", "frame.protocols"])
+    assert count == len(rows) > 50
+    sent = [row for row in rows if "ADV_NONCONN_IND" in row[0]]
+    assert len(sent) == field.trace.columns(TRANSMISSIONS.name)["kind"].count("ADV_NONCONN_IND") > 60
+    assert not any(row[1] for row in rows)
+    assert {int(row[4], 0) for row in sent} == {2}
+    types = {(int(row[2], 0), row[3], row[5].split(":")[-1]) for row in sent}
+    assert types == {(0xFF, "0xffff", "btcommon") if by == "legacy" else (0x2A, "", "btmesh")}
 
 
 def check_of(pdu: bytes, init: int) -> bytes:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.channels.ble.broadcasting import LONGEST_BROADCAST
+from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST
 from cosim.channels.propagation import PropagationSettings
 from cosim.export.capture import write_capture
 from cosim.machine import BROADCAST, Disconnect, Flush, Inquire, Page, Scan, Sniff
@@ -22,8 +22,11 @@ PACKETS = 100_000
 PHYS = ("1M", "2M", "coded")
 LENGTHS = (0, 1, 19, 20, 21, 50, 243, 244, 245, 244, 600, 3_000)
 """Payloads in octets, most of them near the longest of one packet."""
-KINDS = {"ADV_IND", "ADV_EXT_IND", "AUX_ADV_IND", "AUX_CHAIN_IND", "CONNECT_IND", "EMPTY", "DATA", "CONTROL"}
-KINDS |= {"SCAN_REQ", "SCAN_RSP"}
+KINDS = {
+    *("ADV_IND", "ADV_NONCONN_IND", "ADV_EXT_IND", "AUX_ADV_IND", "AUX_CHAIN_IND", "CONNECT_IND"),
+    *("SCAN_REQ", "SCAN_RSP", "EMPTY", "DATA", "CONTROL"),
+}
+WAYS = ("extended", "legacy", "mesh")
 ERROR = 0x800000
 """Severity of an error, in tshark's words."""
 
@@ -40,7 +43,12 @@ def settings_in(random: Random, number: int) -> dict[str, Any]:
     }
     return {
         "connection": connection,
-        "broadcast": {"phy": broadcast, "events": random.choice((1, 3)), "interval_s": random.choice((0.02, 0.05))},
+        "broadcast": {
+            "by": WAYS[number % 3] if broadcast == "1M" else "extended",
+            "phy": broadcast,
+            "events": random.choice((1, 3)),
+            "interval_s": random.choice((0.02, 0.05)),
+        },
         "advertise": {"interval_s": random.choice((0.02, 0.1, 0.2))},
         "scan": {"interval_s": 0.03, "window_s": random.choice((0.01, 0.03)), "active": random.random() < 0.5},
         "clock_ppm": random.choice((0, 20, 500)),

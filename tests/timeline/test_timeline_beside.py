@@ -17,7 +17,7 @@ from cosim.channels.ble.bits.pdu import (
     encode_advertising,
     encode_data,
 )
-from cosim.channels.ble.broadcasting import pieces
+from cosim.channels.ble.broadcasts.extended import pieces
 from cosim.channels.ble.dissection import PARTS, Part, dissect, put_together
 from cosim.machine import BROADCAST
 from cosim.timeline.assembly import lanes_of

@@ -28,6 +28,8 @@ EXTENDED: Final = 2  # its length with the mode, and its flags
 def packets() -> list[tuple[str, str, int, int]]:
     """Return (PHY, kind, octets of the payload of the PDU, octets of users) of packets that a device may send."""
     found = [("1M", kind, octets, 0) for kind, octets in (("ADV_IND", 18), ("ADV_EXT_IND", 7), ("CONNECT_IND", 34))]
+    found += [("1M", "ADV_NONCONN_IND", ADDRESS + PIECE + octets, octets) for octets in range(28)]
+    found += [("1M", "ADV_NONCONN_IND", ADDRESS + 2 + 29, octets) for octets in range(13)]  # segments of a mesh
     for phy in PHYS:
         found.append((phy, "EMPTY", 0, 0))
         found += [(phy, "DATA", octets, octets) for octets in range(1, 252)]

@@ -5,7 +5,7 @@ packets; ``selection`` says on which channel a connection event is. ``advertisin
 is heard that is not connected, and ``connections`` is about those that are.
 
 The channel begins with ``channel``. Each robot has a ``device`` with one ``antenna``; others meet it as a ``station``,
-which advertises by its ``beacon``. ``discovery`` looks for such, ``session`` runs a connection, ``broadcasting`` sends
+which advertises by its ``beacon``. ``discovery`` looks for such, ``session`` runs a connection, ``broadcasts`` sends
 to everyone. What is sent goes through the ``ether``, what comes of it to the ``hosts``.
 
 A peer's bad octets raise WireError wherever they are decoded; what cannot be encoded raises ValueError.

@@ -91,7 +91,7 @@ class BleChannel(Channel):
         self.devices: list[Device] = []
         self._sessions: list[Session] = []
         environment = Environment(kernel, self._ether, self._hosts, self._record)
-        site = Site(environment, settings, self.devices, self._sessions, streams, self._may_rest, self._changed)
+        site = Site(environment, settings, self.devices, [], self._sessions, streams, self._may_rest, self._changed)
         for address in range(size):
             self.devices.append(Device(site, address))
         self._ether.tenancy.reconsider = self._changed

@@ -18,7 +18,8 @@ from cosim.channels.ble.bits.access import draw
 from cosim.channels.ble.bits.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
 from cosim.channels.ble.bits.l2cap import MOST_TIME, MOST_TIME_CODED
 from cosim.channels.ble.bits.pdu import CLOCK_ACCURACIES_PPM, ConnectInd, LLData, encode_advertising
-from cosim.channels.ble.broadcasting import LONGEST_BROADCAST, AdvertisingSet
+from cosim.channels.ble.broadcasts.events import Speaker
+from cosim.channels.ble.broadcasts.ways import WAYS
 from cosim.channels.ble.channels import ADVERTISING
 from cosim.channels.ble.connections.anchors import WINDOW_DELAYS
 from cosim.channels.ble.connections.channel_map import ALL_CHANNELS
@@ -48,11 +49,9 @@ from cosim.machine import (
     PageFailed,
     Role,
 )
-from cosim.randomness import Draws, Streams
+from cosim.randomness import Streams
 from cosim.units import Time, from_seconds
 
-MOST_SETS: Final = 16
-"""Advertising sets that a device has at once; further payloads for everyone wait."""
 _BITS: Final = {"1M": PHY_1M, "2M": PHY_2M, "coded": PHY_CODED}
 """Bits of the PHYs to which links can change."""
 _DELAY: Final = WINDOW_DELAYS["legacy"]
@@ -65,6 +64,8 @@ class Site(NamedTuple):
     settings: BleSettings
     devices: "list[Device]"
     """All of them, by address."""
+    stations: list[Station]
+    """What others meet of them, by address."""
     sessions: list[Session]
     """All links that an end is left of."""
     streams: Streams
@@ -97,7 +98,11 @@ class Device:
         self._scan = _windows(self.clock, settings.scan, stream)
         self._listen = _windows(self.clock, settings.listen, stream)
         self.station = Station(address, self._ether, antenna, beacon, self._listen)
-        self._set_draws: Draws = site.streams.draws("ble", "sets", address)
+        site.stations.append(self.station)
+        self._way = WAYS[settings.broadcast.by]
+        draws = site.streams.draws("ble", "sets", address)
+        speaker = Speaker(site.environment, self.station, site.stations, draws)
+        self._broadcasts = self._way.make(speaker, settings.broadcast)
         self._findable = True
         self._procedures: deque[Inquire | Page] = deque()
         self._procedure: Inquire | Page | None = None
@@ -107,9 +112,6 @@ class Device:
         """Number of active ones."""
         self._requests: Requests | None = None
         """What it asks for while it inquires actively."""
-        self._sets: list[AdvertisingSet] = []
-        self._waiting: deque[Outgoing] = deque()
-        self._sent_sets = 0
 
     def start(self, first: bool = False) -> None:
         """Be switched on: advertise if that is wanted."""
@@ -132,44 +134,19 @@ class Device:
     def broadcast(self, outgoing: Outgoing) -> None:
         """Send a payload to everyone who listens."""
         limit = self._site.settings.queue_payloads
-        if len(outgoing.payload) > LONGEST_BROADCAST:
+        if len(outgoing.payload) > self._way.longest:
             self._hosts.over(self.address, outgoing, Outcome.TOO_LONG)
-        elif limit is not None and len(self._sets) + len(self._waiting) >= limit:
+        elif limit is not None and self._broadcasts.held >= limit:
             self._hosts.over(self.address, outgoing, Outcome.QUEUE_FULL)
         else:
             now, payloads = self._kernel.now, self._hosts.payloads
             payloads.accept(outgoing, self.address, outgoing.destination, len(outgoing.payload), now)
-            self._waiting.append(outgoing)
-            self._next_sets()
-
-    def _next_sets(self) -> None:
-        site = self._site
-        while self._waiting and len(self._sets) < MOST_SETS:
-            self._sets.append(
-                AdvertisingSet(
-                    site.environment,
-                    self.station,
-                    self._stations(),
-                    self._waiting.popleft(),
-                    self._sent_sets,
-                    site.settings.broadcast,
-                    self._set_draws,
-                    self._set_over,
-                )
-            )
-            self._sent_sets += 1
-
-    def _stations(self) -> list[Station]:
-        return [device.station for device in self._site.devices]
-
-    def _set_over(self, advertising: AdvertisingSet) -> None:
-        self._sets.remove(advertising)
-        self._next_sets()
+            self._broadcasts.send(outgoing)
 
     def flush_broadcasts(self) -> None:
         """Take out of the queue the payloads for everyone that have not been on the air."""
-        while self._waiting:
-            self._hosts.over(self.address, self._waiting.popleft(), Outcome.FLUSHED)
+        for outgoing in self._broadcasts.flush():
+            self._hosts.over(self.address, outgoing, Outcome.FLUSHED)
 
     # ---------------------------------------------------------------- advertising
 
@@ -241,7 +218,7 @@ class Device:
         self._end = self._kernel.after(duration, self._time_out)
         self._hosts.intervals.begin(self.address, self._state, self._kernel.now, self._detail)
         self._listen_in(self._scan)
-        peers = [station for station in self._stations() if station is not self.station]
+        peers = [station for station in site.stations if station is not self.station]
         self.search = Search(site.environment, self.station, peers, wanted, heard)
 
     @property
@@ -434,10 +411,7 @@ class Device:
         self._conceal()
         self._procedures.clear()
         self._over()
-        for advertising in self._sets:
-            advertising.cancel()
-        self._sets.clear()
-        self._waiting.clear()
+        self._broadcasts.cancel()
         for session in list(self.links.values()):
             session.drop(self.address)
         self._hosts.payloads.lose(self.address, self._kernel.now)

@@ -2,10 +2,11 @@
 
 A packet is access address, PDU and CRC. On the access address of advertising it is an advertising PDU, on all others
 one of a connection. A payload for one robot is an ATT notification in an L2CAP message, in one packet or in several; a
-payload for everyone is advertising data, in pieces.
+payload for everyone is advertising data, in pieces, or a message of Bluetooth Mesh, whole or in segments.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
@@ -25,6 +26,10 @@ from cosim.channels.ble.bits.control import (
 )
 from cosim.channels.ble.bits.l2cap import ATTRIBUTES, Message, Reassembly
 from cosim.channels.ble.bits.l2cap import HEADER_OCTETS as L2CAP_OCTETS
+from cosim.channels.ble.bits.mesh.bearer import MESH_MESSAGE, decode_bearer
+from cosim.channels.ble.bits.mesh.lower_transport import MOST_SEGMENTS, Segment, Whole, decode_lower
+from cosim.channels.ble.bits.mesh.network import NetworkPdu, decode_network
+from cosim.channels.ble.bits.mesh.upper_transport import decode_upper
 from cosim.channels.ble.bits.pdu import (
     AdvertisingPdu,
     AdvertisingType,
@@ -40,7 +45,7 @@ from cosim.channels.ble.bits.pdu import (
     decode_advertising,
     decode_data,
 )
-from cosim.channels.ble.broadcasting import piece_of
+from cosim.channels.ble.broadcasts.structures import piece_of
 from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.ble.phy import CRC_OCTETS, HEADER_OCTETS
 from cosim.channels.ble.session import NOTIFICATION
@@ -62,6 +67,9 @@ _PHYS: Final = {PHY_1M: "1M", PHY_2M: "2M", PHY_CODED: "coded"}
 _STRUCTURES: Final = {0x01: "flags", 0x08: "shortened_name", 0x09: "name", 0xFF: "manufacturer_data"}
 """Types of advertising data that have names here."""
 _NAMES: Final = frozenset({"name", "shortened_name"})
+_FOR_EVERYONE: Final = "ADV_NONCONN_IND"
+_MESH_PACKETS: Final = 3 * 8 * MOST_SEGMENTS
+"""Packets in which a node sends a message of a mesh at most: channels, times, segments."""
 
 
 class Dissected(NamedTuple):
@@ -82,6 +90,7 @@ class Part(NamedTuple):
 
 PARTS: Final[Mapping[str, frozenset[str]]] = {
     "DATA": frozenset({"DATA"}),
+    _FOR_EVERYONE: frozenset({_FOR_EVERYONE}),
     **dict.fromkeys(("AUX_ADV_IND", "AUX_CHAIN_IND"), frozenset({"AUX_ADV_IND", "AUX_CHAIN_IND"})),
 }
 """Types of packets that may carry a part of a payload, with the types of those that may carry the others."""
@@ -108,7 +117,10 @@ def put_together(here: Part, before: Iterable[Part], after: Iterable[Part]) -> b
     """
     of_advertising = here.packet[:_ADDRESS_OCTETS] == ADVERTISING_ADDRESS.to_bytes(_ADDRESS_OCTETS, "little")
     try:
-        return _chained(here, before, after) if of_advertising else _continued(here, before, after)
+        if not of_advertising:
+            return _continued(here, before, after)
+        flooded = isinstance(decode_advertising(_pdu(here)), Undirected)
+        return (_flooded if flooded else _chained)(here, before, after)
     except WireError:
         return None
 
@@ -125,7 +137,10 @@ def _advertising(kind: str, pdu: AdvertisingPdu) -> tuple[Fields, bytes | None]:
         case Undirected(of_type, advertiser, data):
             fields = {"pdu": of_type.name, "advertiser": _device(advertiser)}
             fields |= {"channel_selection": _algorithm(pdu.algorithm_2)} if of_type is AdvertisingType.ADV_IND else {}
-            return fields | _structures(data), None
+            if kind == _FOR_EVERYONE and data[1:2] == bytes([MESH_MESSAGE]):
+                mesh, payload = _mesh(decode_network(decode_bearer(data)))
+                return fields | {"mesh": mesh}, payload
+            return fields | _structures(data), piece_of(data) if kind == _FOR_EVERYONE else None
         case Directed(of_type, sender, target):
             return {"pdu": of_type.name, "sender": _device(sender), "target": _device(target)}, None
         case ConnectInd(initiator, advertiser, ll_data, algorithm_2):
@@ -179,6 +194,47 @@ def _extended_pdu(part: Part) -> Extended:
 
 def _aux(aux: AuxPtr) -> Fields:
     return {"channel_index": aux.channel, "after_us": aux.offset / US, "phy": aux.phy.name}
+
+
+def _mesh(pdu: NetworkPdu) -> tuple[Fields, bytes | None]:
+    """Return what a network *pdu* of a mesh says, and the user's payload, if that is all in it."""
+    fields: Fields = {"ivi": pdu.ivi, "nid": pdu.nid, "ttl": pdu.ttl, "sequence": pdu.sequence}
+    fields |= {"source": f"{pdu.source:#06x}", "destination": f"{pdu.destination:#06x}"}
+    if pdu.control:
+        return fields | {"control": pdu.transport.hex()}, None
+    part = decode_lower(pdu.transport)
+    fields |= {"application_key": part.key}
+    if isinstance(part, Whole):
+        return fields, decode_upper(part.upper)
+    return fields | {"seq_zero": part.seq_zero, "segment": part.number, "last_segment": part.last}, None
+
+
+def _flooded(here: Part, before: Iterable[Part], after: Iterable[Part]) -> bytes | None:
+    """Return the payload of the message of a mesh of which *here* has a segment."""
+    pdu, segment = _segment(here)
+    segments: dict[int, bytes] = {}
+    for part in (here, *islice(before, _MESH_PACKETS), *islice(after, _MESH_PACKETS)):
+        try:
+            other, another = _segment(part)
+        except WireError:
+            continue  # of another message, that is whole
+        near = abs(other.sequence - pdu.sequence) < MOST_SEGMENTS
+        if near and other.source == pdu.source and another.seq_zero == segment.seq_zero:
+            segments[another.number] = another.data
+        if len(segments) > segment.last:
+            return decode_upper(b"".join(segments[at] for at in sorted(segments)))
+    return None
+
+
+def _segment(part: Part) -> tuple[NetworkPdu, Segment]:
+    """Return the network PDU, and the segment in it, that a packet carries; raise WireError if there is none."""
+    advertisement = decode_advertising(_pdu(part))
+    data = advertisement.data if isinstance(advertisement, Undirected) else b""
+    pdu = decode_network(decode_bearer(data))
+    segment = decode_lower(pdu.transport)
+    if pdu.control or not isinstance(segment, Segment):
+        raise WireError("no segment of a message")
+    return pdu, segment
 
 
 def _structures(data: bytes) -> Fields:

@@ -21,6 +21,9 @@ UNIT: Final[Time] = 625 * US
 PhyName = Literal["1M", "2M", "coded"]
 Interference = Literal["none", "band"]
 Part = Literal["states", "nrf52840"]
+By = Literal["extended", "legacy", "mesh"]
+MESH_UNIT: Final[Time] = 10 * MS
+"""Unit of the intervals at which nodes of a mesh send a PDU again (Mesh Profile 1.0, 4.2.19.2 and 4.2.20.2)."""
 
 LINK_PHYS: Final[dict[str, Phy]] = {"1M": LE_1M, "2M": LE_2M, "coded": CODED_S8}
 """PHYs to which links can change, by their names."""
@@ -91,12 +94,64 @@ class AdvertiseSettings(Settings):
         return from_seconds(self.interval_s)
 
 
-class BroadcastSettings(AdvertiseSettings):
-    """How payloads for everyone are sent: by extended advertising, each as a set of its own."""
+class MeshSettings(Settings):
+    """How nodes of Bluetooth Mesh flood; the defaults are Zephyr's (subsys/bluetooth/mesh/Kconfig, 007eaf2d)."""
 
-    events: Count = Field(default=3, ge=1, le=255, description="advertising events in which a payload is sent")
-    interval_s: Seconds = Field(default=0.02, gt=0, description="s from one of them to the next, as of advertising")
-    phy: PhyName = Field(default="1M", description="PHY of the packets that carry the payload")
+    ttl: Count = Field(
+        default=7, le=127, description="hops that a payload makes at most; 0 for one that nobody is to repeat, never 1"
+    )
+    network_transmits: Count = Field(default=3, ge=1, le=8, description="times that a node sends each PDU of its own")
+    network_interval_s: Seconds = Field(
+        default=0.02, gt=0, description="s from one of them to the next; up to 10 ms are added to each at random"
+    )
+    relay: bool = Field(default=True, description="whether nodes repeat what others send")
+    relay_transmits: Count = Field(default=3, ge=1, le=8, description="times that a node sends each PDU of others")
+    relay_interval_s: Seconds = Field(default=0.02, gt=0, description="s from one of them to the next, likewise")
+    relay_buffers: Count = Field(
+        default=32, ge=1, description="PDUs of others that a node holds; it does not repeat what comes beyond them"
+    )
+    cache: Count = Field(default=32, ge=2, description="PDUs that a node remembers, so as not to take them twice")
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if self.ttl == 1:
+            raise error_at(("ttl",), 1, "is not 0, or from 2 to 127")
+        for name in ("network_interval_s", "relay_interval_s"):
+            time = from_seconds(getattr(self, name))
+            if time % MESH_UNIT or not MESH_UNIT <= time <= 32 * MESH_UNIT:
+                raise error_at((name,), time / MS, "ms is not a multiple of 10 ms from 10 to 320 ms")
+        return self
+
+    def transmits(self, relayed: bool) -> tuple[int, Time]:
+        """Return how often a PDU is sent, and the time, ns, from one time to the next: another's, or an own one."""
+        if relayed:
+            return self.relay_transmits, from_seconds(self.relay_interval_s)
+        return self.network_transmits, from_seconds(self.network_interval_s)
+
+
+class BroadcastSettings(AdvertiseSettings):
+    """How payloads for everyone are sent: as an advertising set each, extended or legacy, or by flooding."""
+
+    by: By = Field(
+        default="extended",
+        description="extended advertising, 1622 bytes at most; legacy advertising, 27; or Bluetooth Mesh, 377",
+    )
+    events: Count = Field(
+        default=3, ge=1, le=255, description="advertising events in which a payload is sent; not of mesh"
+    )
+    interval_s: Seconds = Field(
+        default=0.02, gt=0, description="s from one of them to the next, as of advertising; not of mesh"
+    )
+    phy: PhyName = Field(
+        default="1M", description="PHY of the packets that carry the payload; other than 1M only if extended"
+    )
+    mesh: MeshSettings = Field(default_factory=MeshSettings, description="how nodes flood, by mesh")
+
+    @model_validator(mode="after")
+    def _has_phy(self) -> Self:
+        if self.by != "extended" and self.phy != "1M":
+            raise error_at(("phy",), self.phy, f"is not 1M, as of all advertising by {self.by}")
+        return self
 
 
 class ConnectionSettings(Settings):

@@ -17,10 +17,10 @@ def _made(settings: BleSettings, site: ChannelSite) -> Channel:
 
 
 def _payload_bytes(settings: BleSettings) -> PayloadBytes:
-    from cosim.channels.ble.broadcasting import LONGEST_BROADCAST  # as the model, whose part it is
+    from cosim.channels.ble.broadcasts.ways import WAYS  # as the model, whose part it is
     from cosim.channels.ble.session import NOTIFICATION
 
-    return PayloadBytes(settings.connection.mtu_octets - len(NOTIFICATION), LONGEST_BROADCAST)
+    return PayloadBytes(settings.connection.mtu_octets - len(NOTIFICATION), WAYS[settings.broadcast.by].longest)
 
 
 def _fades(settings: BleSettings) -> PropagationSettings | None:

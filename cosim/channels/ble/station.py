@@ -5,6 +5,7 @@ from collections.abc import Callable
 from cosim.channels.ble.antenna import Antenna
 from cosim.channels.ble.beacon import Beacon
 from cosim.channels.ble.ether import Ether
+from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.scanning import ScanWindows
 from cosim.kernel import Kernel
 from cosim.machine import Address
@@ -20,6 +21,8 @@ class Station:
         self.beacon = beacon
         self.windows = windows
         """When it listens now: other ones during a procedure."""
+        self.take: Callable[[Sent, float | None], None] = lambda packet, power_dbm: None
+        """Takes a packet for everyone that it has heard, and its power where that is known: what a mesh is made of."""
         self._ether = ether
         self._asked: dict[Address, Callable[[bool], None]] = {}
         """Who has just asked it for a scan response, and what takes whether it answers."""

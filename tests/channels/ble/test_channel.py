@@ -5,7 +5,7 @@ from math import floor
 
 import pytest
 
-from cosim.channels.ble.broadcasting import LONGEST_BROADCAST
+from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, T_IFS
 from cosim.channels.ble.scanning import ScanWindows
 from cosim.machine import (

@@ -6,9 +6,15 @@ from typing import Any
 
 import pytest
 
-from cosim.channels.ble.broadcasting import LONGEST_BROADCAST, piece_of, pieces
-from cosim.channels.ble.dissection import dissect
+from cosim.channels.ble.bits.mesh.bearer import encode_bearer
+from cosim.channels.ble.bits.mesh.network import encode_network
+from cosim.channels.ble.bits.pdu import AdvertisingType, DeviceAddress, Undirected, encode_advertising
+from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST, pieces
+from cosim.channels.ble.broadcasts.mesh import parts
+from cosim.channels.ble.broadcasts.structures import piece_of
+from cosim.channels.ble.dissection import Part, dissect, put_together
 from cosim.errors import WireError
+from cosim.machine import BROADCAST, Outgoing
 from tests.channels.ble.test_pdu import LL_DATA_OCTETS
 
 ADVERTISING = "d6 be 89 8e"
@@ -16,6 +22,7 @@ LINK = "41 56 65 50"
 CRC = "01 02 03"
 ANN = "66 55 44 33 22 11"
 ON_ADVERTISING = {"access_address": "0x8e89bed6, of advertising", "crc": "010203"}
+IN_THE_MESH = {"ivi": 0, "nid": 0x68, "ttl": 7, "sequence": 0x3129AB, "source": "0x0003", "destination": "0x1201"}
 ON_LINK = {"access_address": "0x50655641", "crc": "010203"}
 
 
@@ -69,6 +76,41 @@ GOLDEN: list[tuple[str, bytes, dict[str, Any], bytes | None]] = [
         | {"pdu": "AUX_ADV_IND", "mode": "none", "advertiser": "11:22:33:44:55:66, random"}
         | {"advertising_set": 2, "data_id": 1, "data_octets": 7},
         b"abc",
+    ),
+    (
+        "ADV_NONCONN_IND",  # manufacturer data that is a whole payload
+        packet(ADVERTISING, "42 0d", ANN, "06 ff ff ff 61 62 63"),
+        ON_ADVERTISING
+        | {"pdu": "ADV_NONCONN_IND", "advertiser": "11:22:33:44:55:66, random"}
+        | {"manufacturer_data": "ffff616263"},
+        b"abc",
+    ),
+    (
+        "ADV_NONCONN_IND",  # an unsegmented message of a mesh, to all nodes
+        packet(ADVERTISING, "42 20", ANN, "19 2a 68 07 3129ab 0003 ffff 40 c0ffff 616263 00000000 00000000"),
+        ON_ADVERTISING
+        | {"pdu": "ADV_NONCONN_IND", "advertiser": "11:22:33:44:55:66, random"}
+        | {"mesh": IN_THE_MESH | {"destination": "0xffff", "application_key": 0}},
+        b"abc",
+    ),
+    (
+        "ADV_NONCONN_IND",  # message #6 of the sample data, its first segment
+        packet(ADVERTISING, "42 25", ANN, "1e 2a 68 07 3129ab 0003 1201 8026ac01ee9dddfd2169326d23f3afdf 00000000"),
+        ON_ADVERTISING
+        | {"pdu": "ADV_NONCONN_IND", "advertiser": "11:22:33:44:55:66, random"}
+        | {"mesh": IN_THE_MESH | {"application_key": None, "seq_zero": 0x9AB, "segment": 0, "last_segment": 1}},
+        None,
+    ),
+    (
+        "ADV_NONCONN_IND",  # message #1 of the sample data, a control message
+        packet(ADVERTISING, "42 24", ANN, "1d 2a 68 80 000001 1201 fffd 034b50057e400000010000 0000000000000000"),
+        ON_ADVERTISING
+        | {"pdu": "ADV_NONCONN_IND", "advertiser": "11:22:33:44:55:66, random"}
+        | {
+            "mesh": {"ivi": 0, "nid": 0x68, "ttl": 0, "sequence": 1, "source": "0x1201", "destination": "0xfffd"}
+            | {"control": "034b50057e400000010000"}
+        },
+        None,
     ),
     (
         "AUX_CHAIN_IND",  # the last of a chain: a part of a payload
@@ -197,6 +239,32 @@ def test_garbage_says_something_or_is_refused() -> None:
         json.dumps(fields, allow_nan=False)
         said += 1
     assert said > 100
+
+
+def flooded(address: int, sequence: int, payload: bytes) -> list[Part]:
+    """Return the packets in which a node sends *payload*, twice on each of three channels."""
+    made = []
+    for each in parts(address, 7, sequence, Outgoing(BROADCAST, payload)):
+        octets = encode_bearer(encode_network(each.pdu))
+        pdu = encode_advertising(Undirected(AdvertisingType.ADV_NONCONN_IND, DeviceAddress(address, True), octets))
+        made += [Part(bytes.fromhex("d6be898e") + pdu + b"crc", time > 2) for time in range(6)]
+    return made
+
+
+def test_segments_of_a_mesh_are_put_together_again() -> None:
+    """What a relay sends, of two sources whose messages have the same sequence numbers."""
+    chance = random.Random(1)
+    one, other = chance.randbytes(60), chance.randbytes(50)
+    turns = [flooded(0, 8_190, one), flooded(1, 8_190, other), flooded(0, 8_196, b"whole"), flooded(0, 8_197, other)]
+    turns.append(flooded(0, 8_190 + 8_192, one[::-1]))
+    sent = [part for at in range(0, 36, 6) for turn in turns for part in turn[at : at + 6]]
+    wanted = [one, other, None, other, one[::-1]]
+    for at, here in enumerate(sent):
+        which = next(number for number, turn in enumerate(turns) if here in turn)
+        found = put_together(here, reversed(sent[:at]), iter(sent[at + 1 :]))
+        assert found == wanted[which], at
+        last = turns[which][-6:]  # a segment that is missing
+        assert here in last or put_together(here, iter(()), iter([part for part in sent if part not in last])) is None
 
 
 @pytest.mark.parametrize("size", [0, 1, 237, 238, 239, 1000, LONGEST_BROADCAST])
