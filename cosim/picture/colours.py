@@ -14,8 +14,8 @@ class Look(NamedTuple):
 
 
 LOOKS: Final[dict[str, Look]] = {
-    **dict.fromkeys(("ID", "ADV_IND", "ADV_EXT_IND"), Look("#f8d48a", "#000000")),
-    **dict.fromkeys(("FHS", "CONNECT_IND", "CONTROL"), Look("#e69f00", "#000000")),
+    **dict.fromkeys(("ID", "ADV_IND", "SCAN_RSP", "ADV_EXT_IND"), Look("#f8d48a", "#000000")),
+    **dict.fromkeys(("FHS", "SCAN_REQ", "CONNECT_IND", "CONTROL"), Look("#e69f00", "#000000")),
     "POLL": Look("#b0b0b0", "#000000"),
     **dict.fromkeys(("NULL", "EMPTY"), Look("#ebebeb", "#000000")),
     **dict.fromkeys(("DM1", "DM3", "DM5", "DATA", "frame"), Look("#0072b2", "#ffffff")),

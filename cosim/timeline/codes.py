@@ -41,6 +41,8 @@ PACKETS: Final[dict[str, str]] = {
     "ADV_EXT_IND": "Bluetooth Low Energy: says where a payload for everyone is",
     "AUX_ADV_IND": "Bluetooth Low Energy: a payload for everyone, or its beginning",
     "AUX_CHAIN_IND": "Bluetooth Low Energy: more of a payload for everyone",
+    "SCAN_REQ": "Bluetooth Low Energy: asks for the name of who advertises",
+    "SCAN_RSP": "Bluetooth Low Energy: says that name",
     "CONNECT_IND": "Bluetooth Low Energy: makes a link",
     "CONTROL": "Bluetooth Low Energy: the link layers agree on something",
     "EMPTY": "Bluetooth Low Energy: a poll, or an answer, with nothing to say",

@@ -24,7 +24,7 @@ _OF_BLUETOOTH: Final = {
 }
 _BESIDE: Final = {"CONTROL": 2, "AUX_ADV_IND": 13, "AUX_CHAIN_IND": 8}
 """Least octets of a PDU's payload besides those of users, by the type of the packet; none in others."""
-_OF_LE_1M: Final = frozenset({"ADV_IND", "ADV_EXT_IND", "CONNECT_IND"})
+_OF_LE_1M: Final = frozenset({"ADV_IND", "ADV_EXT_IND", "CONNECT_IND", "SCAN_REQ", "SCAN_RSP"})
 
 
 def of_bluetooth(part: str) -> Section:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from cosim.experiment import axis_titles
 from cosim.report.comparison import Answer, Arm, Limits, by_replicate, less_censored, mean_ratio, paired
 from cosim.report.saving import save
-from experiments.modern_radios.comparing import NO_CELL, RADIOS, TASKS, Parameters, Radio, Task
+from experiments.modern_radios.comparing import NO_CELL, RADIOS, TASKS, UNDISTURBED, Parameters, Radio, Task
 
 TITLES: Final = axis_titles(Path(__file__).parent)["radio"]
 SLIGHT: Final = 1.1
@@ -45,18 +45,26 @@ def times(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> Limits | No
 def table(runs: pd.DataFrame) -> str:
     """Return the table of all cells in Markdown: times as long as at once, failures, energy; or why there is none."""
     lines = ["| radio | " + " | ".join(TASKS) + " |", "|---" * (len(TASKS) + 1) + "|"]
+    undisturbed = []
     for radio in RADIOS:
         for air in AIRS:
-            cells = [_cell(runs, task, radio, air) for task in TASKS]
             name = TITLES.get(radio, radio) + ("" if air == "alone" else ", others on the air")
+            if {_missing(task, radio, air) for task in TASKS} == {UNDISTURBED}:
+                undisturbed.append(name)
+                continue
+            cells = [_cell(runs, task, radio, air) for task in TASKS]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", f"No rows: {'; '.join(undisturbed)} ({UNDISTURBED})."])
+
+
+def _missing(task: Task, radio: Radio, air: str) -> str | None:
+    return Parameters(task=task, radio=radio, air=air).missing()  # type: ignore[arg-type]
 
 
 def _cell(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> str:
-    missing = Parameters(task=task, radio=radio, air=air).missing()  # type: ignore[arg-type]
+    missing = _missing(task, radio, air)
     if missing is not None:
-        return "-"
+        return f"none: {missing}"
     ratio, arm = times(runs, task, radio, air), _arm(task, radio, air)
     done = by_replicate(runs, arm, "done")
     if ratio is None or done.empty:
@@ -86,7 +94,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.set(title=task, xlim=(-0.6, len(radios) - 0.4))
         plot.set_xticks(range(len(radios)), [TITLES.get(radio, radio) for radio in radios], rotation=90)
         plot.grid(axis="y", alpha=0.3)
-    plots[0].set_ylabel("time, of that with messages that arrive at once")
+    plots[0].set_ylabel("times as long as with messages at once")
     plots[0].set_ylim(bottom=0.0)
     figure.legend(*plots[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AIRS), fontsize="small")
     (folder / "modern_radios.md").write_text(table(runs) + "\n", encoding="utf-8")
@@ -115,4 +123,10 @@ def _named(radio: str) -> str:
 
 _CELLS: Final = [(task, radio) for task in TASKS for radio in RADIOS[1:] if (task, radio) not in NO_CELL]
 globals().update({f"costs_little_{task}_{_named(radio)}": partial(costs_little, task, radio) for task, radio in _CELLS})
-globals().update({f"undisturbed_{task}_{_named(radio)}": partial(undisturbed, task, radio) for task, radio in _CELLS})
+globals().update(
+    {
+        f"undisturbed_{task}_{_named(radio)}": partial(undisturbed, task, radio)
+        for task, radio in _CELLS
+        if _missing(task, radio, "others") is None
+    }
+)

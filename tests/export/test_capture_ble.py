@@ -12,7 +12,7 @@ from cosim.channels.ble.broadcasts.legacy import LONGEST_LEGACY
 from cosim.cli import main
 from cosim.export.capture import write_capture
 from cosim.export.low_energy import packets
-from cosim.machine import BROADCAST, Disconnect, Flush
+from cosim.machine import BROADCAST, Disconnect, Flush, Inquire
 from cosim.trace import TRANSMISSIONS
 from cosim.units import MS, S
 from tests.channels.ble.ble_field import Field
@@ -25,6 +25,8 @@ WORDS = {
     "AUX_ADV_IND": "AUX_ADV_IND",
     "AUX_CHAIN_IND": "AUX_CHAIN_IND",
     "CONNECT_IND": "CONNECT_IND",
+    "SCAN_REQ": "SCAN_REQ",
+    "SCAN_RSP": "SCAN_RSP",
     "EMPTY": "Empty PDU",
 }
 """What tshark calls packets of a kind."""
@@ -36,8 +38,8 @@ def tshark() -> str:
 
 
 def busy_field(phy: str) -> Field:
-    """Two links, payloads short and long, one that is flushed, one for everyone with a chain, and the end of a link."""
-    settings = {"connection": {"phy": phy}, "broadcast": {"phy": phy, "events": 2}}
+    """Two links, payloads short and long, one flushed, one for everyone with a chain, an inquiry, the end of a link."""
+    settings = {"connection": {"phy": phy}, "broadcast": {"phy": phy, "events": 2}, "scan": {"active": True}}
     field = Field(4, tables=(TRANSMISSIONS,), idle_frames=True, interference="none", **settings)
     field.link(0, 1, 2)
     for token, length in enumerate((0, 20, 244, 3_000)):
@@ -45,6 +47,7 @@ def busy_field(phy: str) -> Field:
         field.send(2, 0, bytes([token]) * length, token)
     field.until(field.kernel.now + 40 * MS)
     field.do(0, Flush(1))
+    field.do(3, Inquire(S, 3))
     field.send(3, BROADCAST, bytes(range(256)) * 6)
     field.send(1, BROADCAST, bytes(LONGEST_BROADCAST))
     field.until(field.kernel.now + 5 * S)

@@ -11,7 +11,7 @@ import pytest
 from cosim.channels.ble.broadcasts.extended import LONGEST_BROADCAST
 from cosim.channels.propagation import PropagationSettings
 from cosim.export.capture import write_capture
-from cosim.machine import BROADCAST, Disconnect, Flush, Inquire, Page, Scan
+from cosim.machine import BROADCAST, Disconnect, Flush, Inquire, Page, Scan, Sniff
 from cosim.trace import TRANSMISSIONS
 from cosim.units import MS, S
 from tests.channels.ble.ble_field import Field
@@ -24,6 +24,7 @@ LENGTHS = (0, 1, 19, 20, 21, 50, 243, 244, 245, 244, 600, 3_000)
 """Payloads in octets, most of them near the longest of one packet."""
 KINDS = {
     *("ADV_IND", "ADV_NONCONN_IND", "ADV_EXT_IND", "AUX_ADV_IND", "AUX_CHAIN_IND", "CONNECT_IND"),
+    *("SCAN_REQ", "SCAN_RSP"),
     *("EMPTY", "DATA", "CONTROL"),
 }
 WAYS = ("extended", "legacy", "mesh")
@@ -50,7 +51,7 @@ def settings_in(random: Random, number: int) -> dict[str, Any]:
             "interval_s": random.choice((0.02, 0.05)),
         },
         "advertise": {"interval_s": random.choice((0.02, 0.1, 0.2))},
-        "scan": {"interval_s": 0.03, "window_s": random.choice((0.01, 0.03))},
+        "scan": {"interval_s": 0.03, "window_s": random.choice((0.01, 0.03)), "active": random.random() < 0.5},
         "clock_ppm": random.choice((0, 20, 500)),
         "idle_frames": random.random() < 0.3,
         "interference": random.choice(("none", "band")),
@@ -74,6 +75,7 @@ def happenings(field: Field, size: int, random: Random) -> list[Callable[[], obj
         lambda: field.do(one, random.choice((Disconnect(other), Flush(other), Flush(BROADCAST)))),
         lambda: field.do(one, Inquire(random.randint(1, 2_000) * MS, random.randint(1, size))),
         lambda: field.do(one, Scan(random.random() < 0.8)),
+        lambda: field.do(one, Sniff(other, random.randint(0, 800), 0, 2)),
         lambda: field.move(places_m),
         lambda: field.channel.power(one, random.random() < 0.8),
     ]

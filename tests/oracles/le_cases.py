@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.machine import BROADCAST, Disconnect, Flush, Inquire, LinkCommand, Outgoing, Page, Scan
+from cosim.machine import BROADCAST, Disconnect, Flush, Inquire, LinkCommand, Outgoing, Page, Scan, Sniff
 from cosim.units import MS, US, S
 from tests.oracles.campaign import Choice, chance, pick
 
@@ -83,7 +83,7 @@ def draw_settings(choice: Choice, level: int) -> dict[str, Any]:
         "interference": pick(choice, ("none", "band")),
         "clock_ppm": pick(choice, (1, 20, 50, choice.integer(1, 500), 500)),
         "advertise": {"interval_s": pick(choice, (0.02, 0.02, 0.03, 0.1, 0.0225, 0.5))},
-        "scan": draw_scan(choice),
+        "scan": draw_scan(choice) | pick(choice, ({}, {"active": True})),
         "listen": draw_scan(choice),
         "page_s": pick(choice, (5.12, 0.5, 0.1, choice.integer(20_000_000, 900_000_000) / 1e9)),
     }
@@ -99,7 +99,7 @@ def draw_settings(choice: Choice, level: int) -> dict[str, Any]:
     return settings
 
 
-def draw_scan(choice: Choice) -> dict[str, float]:
+def draw_scan(choice: Choice) -> dict[str, Any]:
     interval_s, window_s = pick(choice, SCANS)
     return {"interval_s": interval_s, "window_s": window_s}
 
@@ -128,7 +128,7 @@ def draw_script(choice: Choice, level: int, size: int, length: int) -> list[tupl
     makers += [draw_page, draw_page, draw_page, draw_scanning] * (level >= 1)
     makers += [draw_send, draw_send, draw_send, draw_send, draw_close, draw_flush] * (level >= 2)
     makers += [draw_broadcast, draw_broadcast, draw_broadcast] * (level >= 3)
-    makers += [draw_power, draw_move, draw_move] * (level >= 4)
+    makers += [draw_power, draw_move, draw_move, draw_sniff, draw_sniff] * (level >= 4)
     script: list[tuple[int, Act]] = []
     for _ in range(choice.integer(3, 10 if level < 2 else 50)):
         time = choice.integer(0, length // MS) * MS + choice.integer(1, 499_999) * 2 + 1
@@ -172,6 +172,11 @@ def draw_close(choice: Choice, size: int, token: int) -> Act:
 
 def draw_flush(choice: Choice, size: int, token: int) -> Act:
     return Do(one(choice, size), Flush(one(choice, size)))
+
+
+def draw_sniff(choice: Choice, size: int, token: int) -> Act:
+    slots = pick(choice, (0, 12 * choice.integer(1, 40), choice.integer(0, 500), choice.integer(1000, 7000)))
+    return Do(one(choice, size), Sniff(one(choice, size), slots, 0, 2))
 
 
 def draw_power(choice: Choice, size: int, token: int) -> Act:

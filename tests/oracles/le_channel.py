@@ -25,6 +25,7 @@ from cosim.machine import (
     Page,
     Reception,
     Scan,
+    Sniff,
 )
 from cosim.randomness import Streams
 from tests.oracles.le_advertising import Advertising
@@ -84,6 +85,8 @@ class LeChannel:
                 self.advertising.want(device, enabled)
             case Disconnect(peer):
                 self.links.close(device, peer)
+            case Sniff(peer, slots):
+                self.links.sniff(device, peer, slots)
             case Flush(destination):
                 if destination == BROADCAST:
                     self.sets.flush(device)

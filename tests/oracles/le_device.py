@@ -38,6 +38,15 @@ class Procedure:
     found: list[int] = field(default_factory=list)
     connecting: bool = False
     """True once a page has answered an advertisement."""
+    limit: int = 1
+    count: int = 1
+    """How many advertisements come up to that which is asked for a name, and that number's upper limit."""
+    row: int = 0
+    """How many requests have been answered in a row, or failed if it is negative."""
+    asked: int = 0
+    """Requests that are over."""
+    number: int = 0
+    """How many inquiries the device has begun before."""
 
 
 @dataclass(eq=False)
@@ -61,6 +70,8 @@ class Session:
     on_air: Packet | None = None
     watched: list[int] = field(default_factory=lambda: [-1, -1])
     payloads: tuple[list[Payload], list[Payload]] = field(default_factory=lambda: ([], []))
+    intervals: list[int] = field(default_factory=lambda: [0, 0])
+    """What the hosts of both ends know of how long from one event to the next; 0: as at first."""
 
     def least(self) -> int:
         """Return how long a poll, an empty answer and the spaces behind both last."""
@@ -101,6 +112,10 @@ class Device:
         """Times [begin, end) of the events of connectable advertising that were sent."""
         self.takings: list[Taking] = []
         self.procedure: Procedure | None = None
+        self.askers: list[tuple[int, Device, Procedure]] = []
+        """Who has asked for its name at this instant."""
+        self.inquiries = 0
+        """How many it has begun."""
         self.procedures: deque[Inquire | Page] = deque()
         self.links: dict[int, tuple[Session, Side]] = {}
 

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from cosim.channels.ble.bits.access import draw
-from cosim.channels.ble.bits.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
+from cosim.channels.ble.bits.control import PHY_1M, PHY_2M, PHY_CODED, ConnectionUpdateInd, Lengths
 from cosim.channels.ble.bits.l2cap import (
     ATTRIBUTES,
     LEAST_OCTETS,
@@ -18,17 +18,18 @@ from cosim.channels.ble.connections.arq import Fragment
 from cosim.channels.ble.connections.channel_map import ALL_CHANNELS
 from cosim.channels.ble.connections.exchange import Reception, Side, exchange_time
 from cosim.channels.ble.connections.link import Link
+from cosim.channels.ble.connections.parameters import ConnectionParameters, TransmitWindow
 from cosim.channels.ble.phy import CODED_S8, LE_1M, LE_2M, T_IFS, Phy
 from cosim.channels.ble.selection import HOP_INCREMENTS
-from cosim.machine import Connected, Lost, Outcome, Outgoing, Role
-from cosim.units import US
+from cosim.machine import Connected, Lost, Mode, ModeChanged, Outcome, Outgoing, Role
+from cosim.units import MS, US, S
 from tests.oracles.le_air import Packet
 from tests.oracles.le_device import Device, Payload, Session
 
 if TYPE_CHECKING:
     from tests.oracles.le_channel import LeChannel
 
-OVER, TIMER, START = range(3)
+DEADLINE, OVER, TIMER, START = range(-1, 3)
 UNIT = 1_250 * US
 PHYS: dict[str, tuple[int, Phy]] = {"1M": (PHY_1M, LE_1M), "2M": (PHY_2M, LE_2M), "coded": (PHY_CODED, CODED_S8)}
 HANDLE = bytes(3)
@@ -217,7 +218,7 @@ class Links:
             deadline = session.link.deadline(side)
             if session.alive[side] and deadline != session.watched[side] and session.link.ends[side].loss is None:
                 session.watched[side] = deadline
-                self.channel.at(max(deadline, self.channel.now), TIMER, self.expire, session)
+                self.channel.at(max(deadline, self.channel.now), DEADLINE, self.expire, session)
 
     def expire(self, session: Session) -> None:
         """Let ends be lost whose time is over."""
@@ -226,7 +227,8 @@ class Links:
         self.watch(session)
 
     def look(self, session: Session) -> None:
-        """Report which ends have just been lost."""
+        """Report which ends have changed, or have just been lost."""
+        self.look_at_intervals(session)
         for side in Side:
             if session.alive[side] and session.link.ends[side].loss is not None:
                 device, peer = session.devices[side], session.devices[1 - side]
@@ -262,6 +264,41 @@ class Links:
             self.flush(device, peer)
             self.wake(session)
             session.link.terminate(side)
+
+    # ---------------------------------------------------------------- how often they have events
+
+    def sniff(self, device: Device, peer: int, slots: int) -> None:
+        """Announce that a link has an event in one of several intervals only, or say that it stays as it is."""
+        if peer not in device.links:
+            self.channel.report(device.address, ModeChanged(peer, Mode.NONE))
+            return
+        session, side = device.links[peer]
+        settings, end = self.channel.settings.connection, session.link.ends[side]
+        first, timeout = settings.interval, settings.parameters.timeout
+        every = first
+        while every + first <= slots * 625 * US:
+            every += first
+        while every > first and timeout <= 2 * (1 + settings.latency) * every:
+            timeout += 10 * MS
+        busy = any(isinstance(change, ConnectionUpdateInd) for _, change in end.pending)
+        allowed = every <= 4 * S and timeout <= 32 * S
+        if side is Side.PERIPHERAL or busy or not allowed or every == end.parameters.interval:
+            mode = Mode.SNIFF if end.parameters.interval > first else Mode.ACTIVE
+            self.channel.report(device.address, ModeChanged(peer, mode))
+            return
+        self.wake(session)
+        window, parameters = TransmitWindow(UNIT, 0), ConnectionParameters(every, settings.latency, timeout)
+        session.link.announce(lambda instant: ConnectionUpdateInd(window, parameters, instant))
+
+    def look_at_intervals(self, session: Session) -> None:
+        """Report to hosts what has taken effect."""
+        first = self.channel.settings.connection.interval
+        for side in Side:
+            interval = session.link.ends[side].parameters.interval
+            if session.alive[side] and interval != (session.intervals[side] or first):
+                session.intervals[side] = interval
+                device, peer = session.devices[side], session.devices[1 - side].address
+                self.channel.report(device.address, ModeChanged(peer, Mode.SNIFF if interval > first else Mode.ACTIVE))
 
     # ---------------------------------------------------------------- payloads
 

@@ -6,6 +6,7 @@ from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.phy import LE_1M, T_IFS
 from cosim.machine import Discovered, Inquire, InquiryComplete, Page, PageFailed
 from cosim.units import from_seconds
+from tests.oracles.le_advertising import name_octets
 from tests.oracles.le_air import Packet
 from tests.oracles.le_device import Device, Procedure
 
@@ -34,10 +35,11 @@ class Procedures:
         while device.procedures and device.procedure is None:
             command = device.procedures.popleft()
             if isinstance(command, Inquire):
-                duration, possible = command.duration, command.enough > 0
+                duration, possible = command.duration, command.enough > 0 and command.duration > 0
             else:
                 duration, possible = from_seconds(channel.settings.page_s), self.possible(device, command.peer)
-            procedure = Procedure(command, channel.now)
+            procedure = Procedure(command, channel.now, number=device.inquiries)
+            device.inquiries += possible and isinstance(command, Inquire)
             if possible:
                 device.procedure = procedure
                 channel.at(channel.now + duration, TIMER, self.give_up, device, procedure)
@@ -70,11 +72,101 @@ class Procedures:
             if procedure.command.peer == peer and not procedure.connecting:
                 self.connect(device, advertiser, procedure, packet)
         elif peer not in procedure.found:
-            procedure.found.append(peer)
-            self.channel.report(device.address, Discovered(peer))
-            if len(procedure.found) >= procedure.command.enough:
-                self.fail(device, procedure)
-                self.next(device)
+            if self.channel.settings.scan.active:
+                self.ask_name(device, advertiser, procedure, packet)
+            else:
+                self.found(device, peer, procedure)
+
+    def found(self, device: Device, peer: int, procedure: Procedure) -> None:
+        """Report somebody that an inquiry has found."""
+        assert isinstance(procedure.command, Inquire)
+        procedure.found.append(peer)
+        self.channel.report(device.address, Discovered(peer))
+        if len(procedure.found) >= procedure.command.enough:
+            self.fail(device, procedure)
+            self.next(device)
+
+    # ---------------------------------------------------------------- names
+
+    def ask_name(self, device: Device, advertiser: Device, procedure: Procedure, heard: Packet) -> None:
+        """Ask who has advertised for its name, T_IFS later, unless that has to wait."""
+        start = heard.end + T_IFS
+        asked = start + LE_1M.air_time(6 + 6)
+        end = asked + T_IFS + LE_1M.air_time(6 + name_octets(advertiser))
+        if device.taken(start, end) or device.planned(start, end):
+            return
+        procedure.count -= 1
+        if procedure.count:
+            return
+        device.take(heard.end, end, procedure)
+        what = advertiser, procedure, heard.channel, end
+        self.channel.at(start, START, self.send_request, device, what)
+
+    def send_request(self, device: Device, what: tuple[Device, Procedure, int, int]) -> None:
+        """Put a SCAN_REQ on the air."""
+        if device.on:
+            packet = Packet(device.address, self.channel.now, LE_1M, 6 + 6, what[2])
+            self.channel.air.put(packet)
+            self.channel.at(packet.end, OVER, self.asked, device, packet, what)
+
+    def asked(self, device: Device, packet: Packet, what: tuple[Device, Procedure, int, int]) -> None:
+        """Answer a SCAN_REQ that ends now, if it is heard."""
+        advertiser, procedure, index, end = what
+        hears = (
+            device.was_on(packet)
+            and advertiser.was_on(packet)
+            and advertiser.run is not None
+            and not advertiser.taken(packet.start, end)
+            and self.channel.air.reception(packet, advertiser.address) is Reception.HEARD
+        )
+        if not hears:
+            self.draw_count(device, procedure, answered=False)
+            return
+        advertiser.askers.append((device.address, device, procedure))
+        if len(advertiser.askers) == 1:
+            self.channel.at(packet.end, OVER, self.choose, advertiser, index, end)
+
+    def choose(self, advertiser: Device, index: int, end: int) -> None:
+        """Answer one of those who have asked at this instant, whose number is the lowest."""
+        askers, advertiser.askers = sorted(advertiser.askers, key=lambda asker: asker[0]), []
+        for _, device, procedure in askers[1:]:
+            self.draw_count(device, procedure, answered=False)
+        _, device, procedure = askers[0]
+        advertiser.take(self.channel.now, end, procedure)
+        self.channel.at(self.channel.now + T_IFS, START, self.send_response, device, advertiser, procedure, index)
+
+    def send_response(self, device: Device, advertiser: Device, procedure: Procedure, index: int) -> None:
+        """Put a SCAN_RSP on the air."""
+        octets = 6 + name_octets(advertiser)
+        packet = Packet(advertiser.address, self.channel.now, LE_1M, octets, index)
+        if advertiser.on:
+            self.channel.air.put(packet)
+        self.channel.at(packet.end, OVER, self.answered, device, advertiser, procedure, packet)
+
+    def answered(self, device: Device, advertiser: Device, procedure: Procedure, packet: Packet) -> None:
+        """Take a SCAN_RSP that ends now."""
+        heard = (
+            advertiser.was_on(packet)
+            and device.was_on(packet)
+            and self.channel.air.reception(packet, device.address) is Reception.HEARD
+        )
+        self.draw_count(device, procedure, heard)
+        if heard and device.procedure is procedure:
+            self.found(device, advertiser.address, procedure)
+
+    def draw_count(self, device: Device, procedure: Procedure, answered: bool) -> None:
+        """Draw how many advertisements come up to the next that is asked."""
+        same = answered == (procedure.row > 0)
+        procedure.row = (procedure.row if same else 0) + (1 if answered else -1)
+        if procedure.row == 2:
+            procedure.limit, procedure.row = max(1, procedure.limit // 2), 0
+        elif procedure.row == -2:
+            procedure.limit, procedure.row = min(256, 2 * procedure.limit), 0
+        draws = self.channel.streams.draws("ble", "backoff", device.address, procedure.number)
+        procedure.count = 1 + draws.below(procedure.limit, procedure.asked)
+        procedure.asked += 1
+
+    # ---------------------------------------------------------------- links
 
     def connect(self, device: Device, advertiser: Device, procedure: Procedure, heard: Packet) -> None:
         """Answer an ADV_IND, if the antenna is free for it."""

@@ -26,6 +26,9 @@ STEP_BACK: Final[Time] = 100 * MS
 REQUEST_ROOM: Final[Time] = T_IFS + LE_1M.air_time(34)
 """Time from the end of a PDU in which the longest request, a CONNECT_IND, may begin and end."""
 
+SCAN_REQUEST: Final[Time] = LE_1M.air_time(12)
+"""Duration of a SCAN_REQ."""
+
 
 class Event(NamedTuple):
     """An advertising event."""

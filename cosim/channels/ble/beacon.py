@@ -1,18 +1,19 @@
 """Connectable advertising of one device, by which it is found and connected: it follows from arithmetic.
 
-An event is not sent if anything else takes the antenna during it.
+An event is not sent if anything else takes the antenna during it. What its packets are asked for while it goes on takes
+no longer than the time that is between them anyway.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from cosim.channels.ble.advertising import Advertiser, Event
+from cosim.channels.ble.advertising import REQUEST_ROOM, SCAN_REQUEST, Advertiser, Event
 from cosim.channels.ble.antenna import Antenna
 from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
 from cosim.channels.ble.bits.crc import ADVERTISING_INIT
 from cosim.channels.ble.bits.pdu import AdvertisingType, DeviceAddress, Undirected, encode_advertising
 from cosim.channels.ble.packets import LOOKBACK, Sent
-from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M
+from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M, T_IFS
 from cosim.channels.clock import NativeClock
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -30,30 +31,50 @@ def device_address(address: Address) -> DeviceAddress:
     return DeviceAddress(_COMPANY | address, random=True)
 
 
-def advertisement(address: Address) -> bytes:
-    """Return the ADV_IND, header and payload, that the robot *address* sends: its flags and its name."""
-    name = f"robot {address}".encode()
-    data = _FLAGS + bytes([1 + len(name), _COMPLETE_NAME]) + name
+def advertisement(address: Address, named: bool = True) -> bytes:
+    """Return the ADV_IND, header and payload, that the robot *address* sends: its flags and, if *named*, its name."""
+    data = _FLAGS + (_name(address) if named else b"")
     return encode_advertising(Undirected(AdvertisingType.ADV_IND, device_address(address), data, algorithm_2=True))
+
+
+def scan_response(address: Address) -> bytes:
+    """Return the SCAN_RSP, header and payload, that the robot *address* sends: its name."""
+    return encode_advertising(Undirected(AdvertisingType.SCAN_RSP, device_address(address), _name(address)))
+
+
+def _name(address: Address) -> bytes:
+    name = f"robot {address}".encode()
+    return bytes([1 + len(name), _COMPLETE_NAME]) + name
 
 
 class Beacon:
     """The advertising of the device *address*; *draws* makes the stream of advDelay of the n-th time that it begins."""
 
     def __init__(
-        self, address: Address, clock: NativeClock, interval: Time, antenna: Antenna, draws: Callable[[int], Draws]
+        self,
+        address: Address,
+        clock: NativeClock,
+        interval: Time,
+        antenna: Antenna,
+        draws: Callable[[int], Draws],
+        asked: bool = False,
     ) -> None:
-        self.pdu = advertisement(address)
+        """*asked*: whether it leaves its name to a scan response, and the time for that between its packets."""
+        self.pdu = advertisement(address, named=not asked)
+        self.response = scan_response(address)
+        """What it answers a SCAN_REQ with."""
+        answer = LE_1M.air_time(len(self.response) - HEADER_OCTETS)
+        self._gap = max(REQUEST_ROOM, T_IFS + SCAN_REQUEST + T_IFS + answer + T_IFS) if asked else REQUEST_ROOM
         self.advertiser: Advertiser | None = None
         """None while it does not advertise."""
         self.since: Time = 0
         """When it began to advertise last."""
+        self.written: Time = -1
+        """Start of the last packet of it that tables have: several may hear the same."""
         self._address, self._clock, self._interval = address, clock, interval
         self._antenna = antenna
         self._draws = draws
         self._begun = 0
-        self._quiet: tuple[Time, Time] = (0, 0)
-        """A time [since, until) in which none of its packets begins."""
         self._due: tuple[Time, Time] = (0, 0)
         """An instant, and the first after it at which a packet is due."""
         self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
@@ -66,9 +87,9 @@ class Beacon:
             first, air_time = self._clock.local(now) + after, LE_1M.air_time(len(self.pdu) - HEADER_OCTETS)
             first += self._clock.at_local(first) < now  # a local time may last two ns: it is to begin now or later
             draws = self._draws(self._begun)
-            self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws)
+            self.advertiser = Advertiser(self._clock, first, self._interval, air_time, draws, self._gap)
             self.since, self._begun = now, self._begun + 1
-            self._quiet = self._due = 0, 0
+            self._due = 0, 0
             self.changed(now)
 
     def end(self, now: Time) -> None:
@@ -110,13 +131,11 @@ class Beacon:
     def _events(self, since: Time, until: Time) -> Iterator[tuple[Advertiser, Event, Time]]:
         """Yield its events of which a packet begins in [since, until), with the instant at which it stops to send."""
         spans = [(advertiser, over) for advertiser, over in self._ended if over > since]
-        if self.advertiser is not None and not (self._quiet[0] <= since and until <= self._quiet[1]):
+        if self.advertiser is not None and self.begins_after(since - 1) < until:
             spans.append((self.advertiser, until))
         for advertiser, over in spans:
             event = advertiser.event_from(since)
             begin = advertiser.start(event, 0)
-            if advertiser is self.advertiser and begin >= until:
-                self._quiet = since, begin
             while begin < min(until, over):
                 yield advertiser, event, over
                 event = advertiser.after(event)

@@ -26,7 +26,7 @@ from cosim.channels.ble.connections.channel_map import ALL_CHANNELS
 from cosim.channels.ble.connections.exchange import Reception, Side
 from cosim.channels.ble.connections.link import Link
 from cosim.channels.ble.connections.parameters import INTERVAL_UNIT
-from cosim.channels.ble.discovery import Search
+from cosim.channels.ble.discovery import Requests, Search
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M, T_IFS
@@ -94,7 +94,7 @@ class Device:
         self._stream = stream
         antenna = Antenna()
         delays = partial(site.streams.draws, "ble", "delay", address)
-        beacon = Beacon(address, self.clock, settings.advertise.interval, antenna, delays)
+        beacon = Beacon(address, self.clock, settings.advertise.interval, antenna, delays, settings.scan.active)
         self._scan = _windows(self.clock, settings.scan, stream)
         self._listen = _windows(self.clock, settings.listen, stream)
         self.station = Station(address, self._ether, antenna, beacon, self._listen)
@@ -108,6 +108,10 @@ class Device:
         self._procedure: Inquire | Page | None = None
         self._end: Handle | None = None
         self._found: list[Address] = []
+        self._inquiries = 0
+        """Number of active ones."""
+        self._requests: Requests | None = None
+        """What it asks for while it inquires actively."""
 
     def start(self, first: bool = False) -> None:
         """Be switched on: advertise if that is wanted."""
@@ -185,7 +189,13 @@ class Device:
             self._hosts.report(self.address, InquiryComplete(()))
             return
         self._found = []
-        self._begin(command, command.duration, lambda peer: peer not in self._found, self._discovered)
+        heard = self._discovered
+        if self._site.settings.scan.active:
+            draws = self._site.streams.draws("ble", "backoff", self.address, self._inquiries)
+            self._requests = Requests(self._site.environment, self.station, draws, self._named)
+            self._inquiries += 1
+            heard = self._requests.heard
+        self._begin(command, command.duration, lambda peer: peer not in self._found, heard)
 
     def _page(self, command: Page) -> None:
         peer = command.peer
@@ -223,11 +233,13 @@ class Device:
         """End the procedure under way."""
         if self.search is not None:
             self.search.end()
+        if self._requests is not None:
+            self._requests.end()
         if self._end is not None:
             self._end.cancel()
         if self._procedure is not None:
             self._hosts.intervals.end(self.address, self._state, self._kernel.now, self._detail)
-        self.search = self._end = self._procedure = None
+        self.search = self._requests = self._end = self._procedure = None
         self._listen_in(self._listen)
 
     def _listen_in(self, windows: ScanWindows) -> None:
@@ -250,6 +262,12 @@ class Device:
         self._hosts.report(self.address, Discovered(peer.address))
         if len(self._found) >= command.enough:
             self._time_out()
+
+    def _named(self, peer: Station, response: Sent) -> None:
+        """Take the scan response of *peer*, whose advertisements have been waited for up to now."""
+        self._discovered(peer, response)
+        if self.search is not None:
+            self.search.refresh()
 
     # ---------------------------------------------------------------- initiating
 

@@ -1,21 +1,27 @@
 """Looking for devices that advertise: scanning and initiating, from one advertisement to the next that may be heard.
 
+Who scans actively asks for scan responses, not too often: scanners that ask at once would never be answered.
+
 Which packet of which device would be heard next follows from arithmetic, so that nothing happens in between, and
 nothing at all once all devices in reach are known.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from cosim.channels.ble.advertising import Advertiser
-from cosim.channels.ble.beacon import LATER
+from cosim.channels.ble.beacon import LATER, device_address
+from cosim.channels.ble.bits.pdu import AdvertisingType, Directed, encode_advertising
 from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.environment import Environment
 from cosim.channels.ble.packets import Sent
-from cosim.channels.ble.scanning import HeardPdu, next_heard
+from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M, T_IFS
+from cosim.channels.ble.scanning import Backoff, HeardPdu, next_heard
 from cosim.channels.ble.station import Station
 from cosim.kernel import Handle
 from cosim.machine import Address
+from cosim.randomness import Draws
 from cosim.units import Time
 
 
@@ -26,6 +32,88 @@ class _Candidate(NamedTuple):
     peer: Station
     pdu: HeardPdu
     advertiser: Advertiser
+
+
+class Requests:
+    """The requests of *station* for the scan responses of devices whose advertisements it has heard, until it is ended.
+
+    *answered* is called with (station, packet) at the end of a scan response that was heard.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        station: Station,
+        draws: Draws,
+        answered: Callable[[Station, Sent], None],
+    ) -> None:
+        """*draws* is the stream of its back-off."""
+        self._kernel, self._ether, _, self._record = environment
+        self._station = station
+        self._backoff = Backoff(draws)
+        self._answered = answered
+        self._over = False
+
+    def heard(self, peer: Station, packet: Sent) -> None:
+        """Take an advertisement of *peer* that has just been heard: ask, unless the back-off lets it pass."""
+        own, other = device_address(self._station.address), device_address(peer.address)
+        pdu = encode_advertising(Directed(AdvertisingType.SCAN_REQ, own, other))
+        request = self._packet("SCAN_REQ", packet.end + T_IFS, self._station, peer, packet, pdu)
+        response = self._packet("SCAN_RSP", request.end + T_IFS, peer, self._station, packet, peer.beacon.response)
+        antenna = self._station.antenna
+        if antenna.taken_until(request.start, response.end) is not None or not self._backoff.asks():
+            return
+        antenna.book(packet.end, response.end, self, self._kernel.now)
+        antenna.listens(packet.end, request.start, LE_1M)
+        antenna.sends(request)
+        antenna.listens(request.end, response.start + LE_1M.lead, LE_1M)
+        peer.antenna.listens(request.start, request.end, LE_1M)
+        self._ether.send(request)
+        self._kernel.at(request.end, lambda: self._requested(peer, request, response))
+
+    def _packet(self, kind: str, start: Time, source: Station, to: Station, asked: Sent, pdu: bytes) -> Sent:
+        octets = len(pdu) - HEADER_OCTETS
+        of_link_layer = asked.access_address, asked.crc_init, pdu
+        return Sent(start, source.address, to.address, kind, asked.channel, LE_1M, octets, 0, *of_link_layer)
+
+    def _requested(self, peer: Station, request: Sent, response: Sent) -> None:
+        """Have *peer* answer a *request* that it has heard."""
+        here = self._ether.was_on(peer.address, request.start) and peer.beacon.advertiser is not None
+        here = here and peer.antenna.booked_until(request.start, response.end) is None
+        if self._heard(request, peer) and here:
+            peer.ask(self._kernel, self._station.address, partial(self._answer, peer, response))
+        else:
+            self._backoff.asked(False)
+
+    def _answer(self, peer: Station, response: Sent, answers: bool) -> None:
+        """Have *peer* send its *response* if it *answers*, and not somebody else."""
+        if not answers:
+            self._backoff.asked(False)
+            return
+        now = self._kernel.now
+        peer.antenna.book(now, response.end, self, now)  # whatever else it hears comes too late
+        peer.antenna.listens(now, response.start, LE_1M)
+        peer.antenna.sends(response)
+        self._station.antenna.listens(response.start, response.end, LE_1M)
+        self._ether.send(response)
+        self._kernel.at(response.end, lambda: self._responded(peer, response))
+
+    def _responded(self, peer: Station, response: Sent) -> None:
+        heard = self._heard(response, self._station) and self._ether.was_on(self._station.address, response.start)
+        self._backoff.asked(heard)
+        if heard and not self._over:
+            self._answered(peer, response)
+
+    def _heard(self, packet: Sent, receiver: Station) -> bool:
+        judgement = self._ether.judge(packet, receiver.address)
+        if self._record.wanted:
+            self._record.sent(packet, self._ether.was_on(packet.source, packet.start))
+            self._record.judged(packet, receiver.address, judgement)
+        return judgement.reception is Reception.HEARD
+
+    def end(self) -> None:
+        """Ask for nothing more: an answer that is on its way comes too late."""
+        self._over = True
 
 
 class Search:
@@ -93,7 +181,9 @@ class Search:
         if sent and self._station.is_free(pdu.start, pdu.end):
             judgement = self._ether.judge(packet, self._station.address)
             if self._record.wanted:
-                self._record.sent(packet, True)
+                if peer.beacon.written < packet.start:
+                    peer.beacon.written = packet.start
+                    self._record.sent(packet, True)
                 self._record.judged(packet, self._station.address, judgement)
             if judgement.reception is Reception.HEARD:
                 self._heard(peer, packet)

@@ -66,6 +66,16 @@ class ScanSettings(Settings):
         return from_seconds(self.window_s)
 
 
+class SearchSettings(ScanSettings):
+    """How a device looks for others, and connects."""
+
+    active: bool = Field(
+        default=False,
+        description="whether who inquires asks for names, which are in scan responses then; else advertisements say "
+        "them",
+    )
+
+
 class AdvertiseSettings(Settings):
     """How a device lets itself be found and connected: connectable undirected advertising."""
 
@@ -230,7 +240,7 @@ class BleSettings(ChannelSettings):
     advertise: AdvertiseSettings = Field(
         default_factory=AdvertiseSettings, description="how devices let themselves be found"
     )
-    scan: ScanSettings = Field(default_factory=ScanSettings, description="how devices look for others, and connect")
+    scan: SearchSettings = Field(default_factory=SearchSettings, description="how devices look for others, and connect")
     listen: ScanSettings = Field(
         default_factory=ScanSettings,
         description="when devices listen to payloads for everyone; what else they do goes first",

@@ -7,6 +7,7 @@ from cosim.channels.ble.beacon import Beacon
 from cosim.channels.ble.ether import Ether
 from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.scanning import ScanWindows
+from cosim.kernel import Kernel
 from cosim.machine import Address
 from cosim.units import Time
 
@@ -23,6 +24,19 @@ class Station:
         self.take: Callable[[Sent, float | None], None] = lambda packet, power_dbm: None
         """Takes a packet for everyone that it has heard, and its power where that is known: what a mesh is made of."""
         self._ether = ether
+        self._asked: dict[Address, Callable[[bool], None]] = {}
+        """Who has just asked it for a scan response, and what takes whether it answers."""
+
+    def ask(self, kernel: Kernel, scanner: Address, answer: Callable[[bool], None]) -> None:
+        """Take a request of *scanner*, heard now; of all requests that are heard at one instant one is answered."""
+        if not self._asked:
+            kernel.at(kernel.now, self._choose)
+        self._asked[scanner] = answer
+
+    def _choose(self) -> None:
+        asked, self._asked = self._asked, {}
+        for scanner, answer in asked.items():
+            answer(scanner == min(asked))
 
     def is_free(self, start: Time, end: Time) -> bool:
         """Return whether it was on, and its antenna was free to listen, in [start, end)."""

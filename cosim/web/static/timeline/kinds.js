@@ -8,6 +8,7 @@ const COLOURS = {
   DM1: 0, DM3: 0, DM5: 0, DH1: 1, DH3: 1, DH5: 1, AUX1: 1, FHS: 2, ID: 3, HV1: 4, HV2: 4, HV3: 4, DV: 4,
   POLL: 9, NULL: 9, DATA: 0, RTS: 2, CTS: 4, ACK: 3, IDEAL: 0, OPTICAL: 0, message: 5, wake: 9,
   ADV_IND: 3, ADV_EXT_IND: 3, ADV_NONCONN_IND: 4, AUX_ADV_IND: 4, AUX_CHAIN_IND: 4, CONNECT_IND: 2, CONTROL: 2, EMPTY: 9,
+  SCAN_REQ: 2, SCAN_RSP: 3,
   central: 0, peripheral: 1, scanning: 3, initiating: 2,
   inquiry: 3, inquiry_scan: 3, inquiry_backoff: 8, inquiry_response: 8, page: 2, page_scan: 2, page_response: 4,
   master: 0, slave: 1, link: 0, hold: 5, sniff: 7, park: 6, away: 9, part_time: 7, afh: 5,
