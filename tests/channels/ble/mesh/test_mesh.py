@@ -26,6 +26,8 @@ from cosim.channels.ble.spec import SPEC
 from cosim.channels.energy import TRANSMIT
 from cosim.machine import BROADCAST, Fate, Flush, Outcome, Outgoing, Scan
 from cosim.protocol import PayloadBytes
+from cosim.scenario import Scenario
+from cosim.simulation import Simulation
 from cosim.trace import FRAMES, PAYLOADS, TRANSMISSIONS
 from cosim.units import MS, US, S
 from tests.channels.ble.ble_field import Field
@@ -414,3 +416,55 @@ def test_links_go_before_a_mesh() -> None:
     assert [each.what.outcome for each in field.of(0, Fate)] == [Outcome.DELIVERED] * 10
     assert len(field.arrived(3)) == 10
     assert len(field.arrived(1)) >= 10 + 8
+
+
+@pytest.mark.slow
+def test_a_hop_takes_the_random_delay_and_the_event_up_to_the_channel_that_is_listened_to() -> None:
+    """Delays are uniform from 0 to 10 ms; a node repeats what it has heard no sooner."""
+    hops, count, air = 4, 150, (80 + 8 * (6 + 2 + 9 + 1 + 3 + 1 + 4 + 4)) * US
+    field = line_of(hops + 1, mesh={"network_transmits": 1, "relay_transmits": 1})
+    delays = []
+    for turn in range(count):
+        begun, asked = len(field.trace.columns(TRANSMISSIONS.name)["kind"]), field.kernel.now
+        field.news.clear()
+        field.send(0, BROADCAST, bytes([turn % 256]))
+        field.until(asked + 100 * MS)
+        sent = {(at, sender): time for at, (time, sender, _) in enumerate(bodies(field)[begun:])}
+        for hop in range(1, hops + 1):
+            starts = sorted(time for (_, sender), time in sent.items() if sender == hop - 1)
+            assert [later - earlier for earlier, later in pairwise(starts)] == [air + 150 * US] * 2
+            (news,) = field.of(hop, tuple)
+            assert news.time - air in starts
+            delays.append(starts[0] - asked)
+            asked = news.time
+    assert min(delays) >= 0
+    assert max(delays) <= 10 * MS
+    assert abs(sum(delays) / len(delays) - 5 * MS) < 4 * 10 * MS / 12**0.5 / len(delays) ** 0.5
+
+
+@pytest.mark.slow
+def test_in_a_shared_air_802_11_ruins_what_is_on_its_channel() -> None:
+    """A network on 2427 MHz, 22 MHz wide, is on that of channel 38, 2426 MHz, and neither on 2402 nor on 2480 MHz."""
+    law = {"propagation": {"model": "free_space"}}
+    mesh = {"kind": "ble", "broadcast": {"by": "mesh", "mesh": {"relay": False}}, **law}
+    wifi = {"kind": "adhoc", "channel": 4, "phy": "dsss", "rate_mbps": 11, **law}
+    pair = {"radio": 1, "places_m": [[20, 6], [24, 6]], "payload_bytes": 1500, "interval_s": 0.004}
+    plain = {
+        "name": "beside",
+        "duration_s": 10,
+        "floorplan": {"map": "walls", "bounds_m": [0, 0, 45, 10]},
+        "team": {"size": 2, "starts": [[2, 2], [42, 2]]},
+        "protocol": {"use": "monitoring", "parameters": {"senders": 1}},
+    }
+    lost = Counter[tuple[bool, int]]()
+    for beside in (False, True):
+        radios = {"radios": [mesh, wifi], "background": [pair]} if beside else {"radios": [mesh]}
+        scenario = Scenario.model_validate(plain | {"channel": {"kind": "radios", "air": "shared", **radios}})
+        simulation = Simulation(scenario, 1, [FRAMES])
+        simulation.run()
+        frames = simulation.trace.columns(FRAMES.name)
+        for kind, channel, outcome in zip(frames["kind"], frames["channel"], frames["outcome"], strict=True):
+            if kind == "ADV_NONCONN_IND":
+                lost[beside, channel] += outcome != "received"
+    assert {key for key, count in lost.items() if count} == {(True, 24)}
+    assert set(lost) == {(beside, channel) for beside in (False, True) for channel in (0, 24, 78)}
