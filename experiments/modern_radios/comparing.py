@@ -20,7 +20,9 @@ from cosim.world.floorplan import load_floorplan
 from experiments.deployment.deploying import StartSettings, drawn
 
 Task: TypeAlias = Literal["reflection", "exploration", "aggregation", "pseudonet", "deployment"]
-Radio: TypeAlias = Literal["ideal", "optical", "bluetooth", "le links", "le broadcasts", "802.11b", "802.11g"]
+Radio: TypeAlias = Literal[
+    "ideal", "optical", "bluetooth", "le links", "le broadcasts", "le mesh", "802.11b", "802.11g"
+]
 Air: TypeAlias = Literal["alone", "others"]
 Plain: TypeAlias = dict[str, Any]
 
@@ -36,6 +38,7 @@ CHANNELS: Final[Mapping[Radio, Plain]] = MappingProxyType(
         "bluetooth": {"kind": "bluetooth", "power_class": 1, "afh": True, "supervision_s": 8, **LAW},
         "le links": _LE,
         "le broadcasts": _LE,
+        "le mesh": _LE | {"broadcast": {"by": "mesh"}},
         "802.11b": _WIFI | {"phy": "dsss", "rate_mbps": 11},
         "802.11g": _WIFI | {"phy": "erp", "rate_mbps": 54},
     }
@@ -69,12 +72,15 @@ APART_M: Final = 4.0
 """From one station of a pair to the other."""
 STARTS: Final = StartSettings(base="base", half_m=(3.4, 3.4), apart_m=1.6)
 """Where the robots of a deployment stand in the beginning."""
-NO_CELL: Final[Mapping[tuple[Task, Radio], str]] = MappingProxyType(
+_FOR_ONE: Final[Mapping[Task, str]] = MappingProxyType(
     {
-        ("aggregation", "le broadcasts"): "searchers answer their host alone, which takes a link",
-        ("pseudonet", "le broadcasts"): "a team is a piconet: it is made of links",
-        ("deployment", "le broadcasts"): "orders and reports are for one robot, which takes a link",
+        "aggregation": "searchers answer their host alone, which takes a link",
+        "pseudonet": "a team is a piconet: it is made of links",
+        "deployment": "orders and reports are for one robot, which takes a link",
     }
+)
+NO_CELL: Final[Mapping[tuple[Task, Radio], str]] = MappingProxyType(
+    {(task, radio): why for task, why in _FOR_ONE.items() for radio in ("le broadcasts", "le mesh")}
 )
 """Why a task cannot be done over a radio."""
 UNDISTURBED: Final = "nothing at 2.4 GHz disturbs it"
