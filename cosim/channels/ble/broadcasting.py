@@ -12,6 +12,7 @@ instant; 10 ms at most for events of links that are still to come: then it goes 
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.ble.advertising import LONGEST_DELAY
 from cosim.channels.ble.beacon import device_address
 from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
@@ -134,6 +135,8 @@ class AdvertisingSet:
         again = [antenna.booked_until(now, end), self._station.beacon.taken_until(now, now + 1)]
         if now < self._due and (taken := antenna.taken_until(now, end)) is not None:
             again.append(min(taken, self._due))
+        if not any(again):
+            again = [antenna.refused_until(now, now, end, Rank.DATA)]
         waits = [each for each in again if each is not None]
         if waits:
             self._tries += 1
@@ -199,9 +202,11 @@ class AdvertisingSet:
             judgement = self._ether.judge(packet, listener.address)
             if self._record.wanted:
                 self._record.judged(packet, listener.address, judgement)
-            if judgement.reception is Reception.HEARD and listener.antenna.taken_until(begin, end) is None:
+            now, antenna = self._kernel.now, listener.antenna
+            free = judgement.reception is Reception.HEARD and antenna.taken_until(begin, end) is None
+            if free and antenna.refused_until(now, begin, end, Rank.DATA) is None:
                 self._follow.add(listener.address)
-                listener.antenna.book(begin, end, self, self._kernel.now)
+                antenna.book(begin, end, self, now)
 
     def _carry(self, packet: Sent, last: bool) -> None:
         """Have those who follow take a part of the payload, and at *last* all of it."""
