@@ -293,7 +293,9 @@ def send_data(network: Network, log: Log | None, address: int, now: Time) -> Non
 def answer(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Send the answer that is owed, an ACK or a CTS."""
     common, station = network.common[0], network.stations[address]
-    if station.permit == REFUSED:
+    if station.permit == REFUSED:  # nor may it send anything else
+        _defer(network, log, address, now, now)
+        contend(network, log, address, now)
         return
     form = common.ack if station.answer_kind == ACK else common.cts
     to, reserves, number = station.answer_to, station.answer_reserves, station.answer_number
