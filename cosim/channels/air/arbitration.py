@@ -32,21 +32,19 @@ class Rank(IntEnum):
 
 
 PRIORITIES: Final[dict[Rank, str]] = {
-    Rank.BEGUN: "what is on the air: a frame of 802.11 with the answers that it has reserved time for, an event of Low "
-    "Energy",
+    Rank.BEGUN: "what has begun: a frame of 802.11 with the time that it reserves for answers, an event of Low Energy",
     Rank.SUPERVISION: "an event of a link that is lost soon if nothing is heard",
-    Rank.RECEPTION: "a frame of 802.11 that the robot receives and that is for it, or for all, and the answer to it",
-    Rank.DATA: "an event of Low Energy in which the robot has something to send, a payload for everyone, a request for "
-    "a link",
+    Rank.RECEPTION: "a frame of 802.11 that is being received, and is for this robot or for all, and its answer",
+    Rank.DATA: "an event of a link with something of this robot to send, a payload for everyone, a request for a link",
     Rank.FRAME: "a frame of 802.11 that has not begun",
-    Rank.EMPTY: "an event in which it has nothing to send, advertising, a request for a name",
+    Rank.EMPTY: "an event with nothing of this robot to send, advertising, a request for a name",
 }
 """What goes first, in that order; what is not here, such as scanning, asks for nothing.
 
-Acknowledgements before data is what IEEE 802.15.2-2003 has of packet traffic arbitration, as its abstracts tell. That
-all of Bluetooth but scanning goes before 802.11 is what vendors' coexistence modes have (Microchip), and so has it the
-other way (Silicon Labs, SiWx91x): here it is told apart by whether there is anything to say. That a link must not be
-lost by it is our own reading.
+That acknowledgements go before data is said of the packet traffic arbitration of IEEE 802.15.2-2003, whose text is not
+at hand. Of vendors' coexistence modes one has all of Bluetooth but scanning go first (Microchip's BLE stack, PTA), one
+has 802.11 go first and a colliding advertisement left out (Silicon Labs, SiWx91x): here that depends on whether there
+is anything to say. That a link must not be lost by it, and what is received go on, are readings of our own.
 """
 
 Uses: TypeAlias = Callable[[Time, Time, Rank], Time | None]

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 import cosim.channels.ble.device as device
 import cosim.channels.ble.session as session
-from cosim.channels.air.arbitration import Arbitration, Rank
+from cosim.channels.air.arbitration import PRIORITIES, Arbitration, Rank
 from cosim.channels.air.band import Emission
 from cosim.channels.ble.connections.channel_map import ChannelMap
 from cosim.channels.radios import RadiosSettings
@@ -23,6 +23,7 @@ from cosim.machine import BROADCAST, Connected, Fate, Inquire, LinkEvent, Lost, 
 from cosim.trace import INTERVALS, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import MS, US, S
 from tests.channels.air.shared_field import FREE, SharedField
+from tests.checkout import ROOT
 
 BLE, WIFI = 0, 1  # numbers of radios
 DELAY = US  # of the propagation of 802.11
@@ -385,3 +386,11 @@ def test_what_is_not_arbitrated_is_refused(settings: dict[str, Any], said: str) 
     with pytest.raises(ValidationError, match=said):
         RadiosSettings.model_validate({**settings, "arbitration": True})
     RadiosSettings.model_validate(settings)
+
+
+def test_the_page_has_the_order_of_the_table() -> None:
+    lines = (ROOT / "docs" / "shared_air.md").read_text(encoding="utf-8").splitlines()
+    told = [f"| {number} | {what} |" for number, what in enumerate(PRIORITIES.values(), 1)]
+    at = lines.index(told[0])
+    assert lines[at : at + len(told)] == told
+    assert list(PRIORITIES) == sorted(Rank, reverse=True)
