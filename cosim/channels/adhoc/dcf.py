@@ -128,7 +128,7 @@ def power(network: Network, log: Log | None, address: int, on: bool, now: Time) 
     station.exchanging = station.erred = station.pending = False
     station.window = network.common[0].cw_min
     stop_following(station, now)
-    station.reserved_until = now
+    station.reserved_until = station.used_until = now
     if station.sending != NONE:
         station.sent_for += now - network.frames[station.sending].begin
         network.frames[station.sending].whole = False

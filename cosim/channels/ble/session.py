@@ -370,6 +370,8 @@ class Session:
     def _refused(self, side: Side) -> bool:
         """Return whether another radio of an end has the air, so that the end leaves out the event that begins now."""
         now, antenna = self._kernel.now, self.terminals[side].antenna
+        if antenna.seat is None:
+            return False
         return antenna.refused_until(now, now, now + self._least, self._rank(side, now)) is not None
 
     def _rank(self, side: Side, anchor: Time) -> Rank:

@@ -271,18 +271,18 @@ def test_an_empty_event_leaves_alone_what_802_11_receives_and_its_answer() -> No
     rows = field.rows("transmissions")
     ack = next(row["duration_ns"] for row in rows if row["kind"] == "ACK")
     low_energy = [each for each in field.sent() if each.radio == BLE and each.robot == 1 and each.start > 2 * S]
-    events = []  # of packets that are no further apart than those of advertising
+    spans: list[tuple[int, int]] = []  # of packets that are no further apart than those of advertising
     for each in low_energy:
-        if not events or each.start - events[-1][1] > 700 * US:
-            events.append((each.start, each.end))
-        events[-1] = events[-1][0], each.end
+        if not spans or each.start - spans[-1][1] > 700 * US:
+            spans.append((each.start, each.end))
+        spans[-1] = spans[-1][0], each.end
     frames = [row for row in rows if row["kind"] == "DATA" and row["radio"] == WIFI]
     begun = 0
     for frame in frames:
         start, end = frame["time_ns"] + DELAY, frame["time_ns"] + frame["duration_ns"] + DELAY + 10 * US + ack
-        begun += sum(start <= since < end for since, _ in events)
+        begun += sum(start <= since < end for since, _ in spans)
     assert len(frames) >= 400
-    assert len(events) > 300
+    assert len(spans) > 300
     assert begun == 0
 
 
