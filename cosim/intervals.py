@@ -23,6 +23,8 @@ JAMMER: Final[Address] = -1
 STATES: Final[dict[str, str]] = {
     # of radios, over any channel
     "link": "over a channel that only plays links: it has one to the robot peer, in this role",
+    "deferred": "a shared air with arbitration: it has asked for the air, and another radio of the robot, radio=, "
+    "has it until the end",
     "off": "the radio is switched off",
     # of radios, Bluetooth
     "afh": "Bluetooth: the hop set of the piconet of this master leaves out channels=, given as ranges of RF channels",

@@ -83,6 +83,8 @@ class ChannelSpec:
     """
     listens: bool = False
     """True if its radios listen before they talk: no two channels of that kind share the air."""
+    arbitrated: bool = False
+    """True if its radios ask the arbiter of their robot before they use a shared air, where there is one."""
 
 
 def channel_kinds() -> list[str]:

@@ -10,7 +10,8 @@ were the only one: it draws from the same streams, and the others from streams o
 
 With ``air: apart`` radios of different numbers know nothing of each other. With ``air: shared`` all are in the band of
 2.4 GHz, and what one sends disturbs the others, by one law of propagation, as far as the spectra overlap. A robot's own
-radios are as far from each other as their isolation says. They work at the same time: nothing arbitrates.
+radios are as far from each other as their isolation says. They work at the same time, unless
+``arbitration`` has them ask before they send.
 
 Pairs of stations in the background have radios that no robot has, and addresses after those of the robots.
 """
@@ -24,6 +25,7 @@ from typing import Annotated, Any, Final, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
+from cosim.channels.air.arbitration import Arbitration
 from cosim.channels.air.shared import SharedAir
 from cosim.channels.background import METRICS as BACKGROUND_METRICS
 from cosim.channels.background import Background, PairSettings
@@ -49,6 +51,7 @@ from cosim.trace import CALLS, FRAMES, INTERVALS, PAYLOADS, RECEPTIONS, TRANSMIS
 from cosim.trace import Field as Column
 from cosim.units import Time
 
+_REFUSED: Final = Metric("refused", "1", "how often robots' radios had to leave the air to another one of the robot")
 _PAYLOAD_BYTES: Final = Metric("payload_bytes", "B", "bytes of the payloads that hosts have sent")
 RADIO: Final = Column("radio", "int", "", "which of the robots' radios")
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
@@ -78,6 +81,9 @@ class RadiosSettings(ChannelSettings):
     )
     isolation_db: Decibels = Field(
         default=20.0, ge=0, description="dB between the antennas of a robot's radios, where the air is shared"
+    )
+    arbitration: bool = Field(
+        default=False, description="whether a robot's radios ask before they send, where the air is shared"
     )
     background: tuple[PairSettings, ...] = Field(
         default=(), description="pairs of stations that are no robots and send all the time, by radios of their own"
@@ -115,6 +121,16 @@ class RadiosSettings(ChannelSettings):
             if len(listeners) > 1:
                 place = "radios", listeners[1], "kind"
                 raise error_at(place, self.radios[listeners[1]].kind, "shares no air with another one of its kind")
+        return self
+
+    @model_validator(mode="after")
+    def _can_arbitrate(self) -> Self:
+        if self.arbitration and self.air != "shared":
+            raise error_at(("arbitration",), True, "needs air: shared: radios that are apart do not meet")
+        for radio, each in enumerate(self.radios if self.arbitration else ()):
+            if not channel_spec(each.kind).arbitrated:
+                place = "radios", radio, "kind"
+                raise error_at(place, each.kind, "has no arbitration so far: only 802.11 and Low Energy have")
         return self
 
 
@@ -255,6 +271,7 @@ class RadiosChannel(Channel):
         """*parts* are the channels by radio, *carried* the radios that each robot has, *air* is what *parts* share."""
         super().__init__(kernel, trace, len(carried))
         self._air = air
+        self._arbitration = None if air is None else air.arbitration
         self._background = background or Background((), self.size)
         self._parts = tuple(parts)
         self._carried = tuple(map(tuple, carried))
@@ -335,6 +352,8 @@ class RadiosChannel(Channel):
 
     def close(self, now: Time) -> None:
         """Write the intervals of all radios that are not over."""
+        if self._arbitration is not None:
+            self._arbitration.close(now)
         for part in self._parts:
             part.close(now)
 
@@ -358,7 +377,9 @@ class RadiosChannel(Channel):
 
     def _own_metrics(self, radio: int) -> tuple[Metric, ...]:
         """Return what is counted here of *radio*."""
-        return BACKGROUND_METRICS if radio in self._background.radios else (_PAYLOAD_BYTES,)
+        if radio in self._background.radios:
+            return BACKGROUND_METRICS
+        return (_PAYLOAD_BYTES,) if self._arbitration is None else (_PAYLOAD_BYTES, _REFUSED)
 
     @property
     def uses(self) -> frozenset[str]:
@@ -383,6 +404,8 @@ class RadiosChannel(Channel):
                 for name, count in counts.items():
                     total[name] = total.get(name, 0.0) + count
                 counts |= {_PAYLOAD_BYTES.name: float(octets)}
+                if self._arbitration is not None:
+                    counts |= {_REFUSED.name: float(self._arbitration.refused(radio))}
             of_each |= {f"radio_{radio}_{name}": count for name, count in counts.items()}
         return total | of_each
 
@@ -394,7 +417,8 @@ def _made(settings: RadiosSettings, site: ChannelSite) -> RadiosChannel:
     if settings.air == "shared":
         law, draws = _law(0, settings.radios[0]), site.streams.draws("shadowing")
         propagation = Propagation(law, site.walls, site.wall_loss_db, draws)
-        air = SharedAir(site.kernel, everyone.size, propagation, settings.isolation_db)
+        arbitration = Arbitration(everyone.carried) if settings.arbitration else None
+        air = SharedAir(site.kernel, everyone.size, propagation, settings.isolation_db, arbitration)
     for radio, each in enumerate(settings.radios):
         trace = (StationsTrace if radio in background.radios else RadioTrace)(site.trace, radio)
         own = everyone._replace(trace=trace, streams=RadioStreams(site.streams, radio), air=air)

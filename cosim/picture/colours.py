@@ -42,7 +42,7 @@ _STATES: Final[dict[str, str]] = {
     **dict.fromkeys(("master", "central", "link"), "#a8d5ba"),
     **dict.fromkeys(("slave", "peripheral"), "#d3ecdc"),
     "route": "#d9cbe8",
-    "busy": "#cccccc",
+    **dict.fromkeys(("busy", "deferred"), "#cccccc"),
     "NAV": "#a9bcd8",
     **dict.fromkeys(("difs", "eifs", "awaits_ack", "awaits_cts"), "#e6e6e6"),
     **dict.fromkeys(("killed", "crashed", "frozen", "off", "jammer"), "#e9a3a0"),

@@ -30,7 +30,7 @@ from cosim.channels.adhoc.dcf import (
 )
 from cosim.channels.adhoc.log import has_log_room, log_reception, log_transmission
 from cosim.channels.adhoc.reception import is_calm
-from cosim.channels.adhoc.state import HEARD, NEVER, NONE, OVER, Log, Network
+from cosim.channels.adhoc.state import HEARD, NEVER, NONE, OVER, UNASKED, Log, Network, Record
 from cosim.jit import njit
 from cosim.kernel import DELIVER
 from cosim.machine import BROADCAST
@@ -44,6 +44,8 @@ ROWLESS: Final = 2
 """A row of powers is needed."""
 FULL: Final = 3
 """There is not enough room for what the next event may bring."""
+ASK: Final = 4
+"""The station of the next event is about to send, and must ask whether it may."""
 
 
 @njit(cache=True, borrows=True)
@@ -67,6 +69,8 @@ def advance(network: Network, log: Log | None, until: Time, phase: int) -> tuple
             common.rowless = without_row(network, now)
             if common.rowless != NONE:
                 return ROWLESS, now, due
+        if common.arbitrates and _asks(network, first):
+            return ASK, now, due
         common.now, common.phase = now, due
         kind, who, life, order = first.kind, first.who, first.life, first.rank & (1 << ORDER_BITS) - 1
         drop_first(network)
@@ -96,6 +100,20 @@ def _has_room(network: Network, log: Log | None) -> bool:
 
 
 @njit(cache=True, borrows=True)
+def _asks(network: Network, event: Record) -> bool:
+    """Return whether a station is about to send, another radio of its robot may have the air, and it has not asked."""
+    kind = event.kind
+    if kind not in (MAY_SEND, ANSWER, SEND_DATA):
+        return False
+    station = network.stations[event.who]
+    if not station.arbitrated or station.permit != UNASKED:
+        return False
+    if kind == MAY_SEND:
+        return bool(station.waiting > 0 and station.ends_event == event.rank & (1 << ORDER_BITS) - 1)
+    return bool(station.life == event.life)
+
+
+@njit(cache=True, borrows=True)
 def _act(network: Network, log: Log | None, address: int, kind: int, order: int, life: int, now: Time) -> None:
     """Have a station do what it was to do *now*, unless that has been cancelled."""
     station = network.stations[address]
@@ -115,6 +133,7 @@ def _act(network: Network, log: Log | None, address: int, kind: int, order: int,
         answer(network, log, address, now)
     elif kind == SEND_DATA:
         send_data(network, log, address, now)
+    station.permit = UNASKED
 
 
 @njit(cache=True, borrows=True)

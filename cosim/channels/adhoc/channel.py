@@ -29,6 +29,7 @@ from cosim.channels.adhoc.settings import UNJAMMED, AdhocSettings, mw
 from cosim.channels.adhoc.state import END, FAILURE, FINISHED, HEARD, NEVER, NOTHING, Records, Report
 from cosim.channels.adhoc.stations import Kept, Rules, Stations, Wanted
 from cosim.channels.adhoc.tables import doings, receptions, transmissions
+from cosim.channels.air.arbitration import Arbitration
 from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Arrival, Flying, Positions
 from cosim.channels.energy import Accounts
@@ -38,7 +39,7 @@ from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.intervals import Interval
-from cosim.kernel import Kernel
+from cosim.kernel import WORLD, Kernel
 from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
@@ -141,7 +142,25 @@ class AdhocChannel(IdealChannel):
         self._jamming = Jamming(kernel, self._jam_mw, self._stations, size, neighbours)
         if neighbours is not None:
             neighbours.begun, neighbours.noticed = self._stations.take_begun, self._jamming.noticed
+            if air is not None and air.arbitration is not None:
+                self._arbitrate(air.arbitration, neighbours)
         self._forwarding = self._routers(streams)
+
+    def _arbitrate(self, arbitration: Arbitration, neighbours: Neighbours) -> None:
+        """Have stations ask before they send, and be deaf while another radio of their robot sends."""
+        for robot in range(self.size):
+            uses = partial(self._stations.used_until, robot)
+            seat = arbitration.seat(robot, neighbours.number, uses, self.intervals)
+            if seat is not None:
+                self._stations.arbitrate(robot, seat)
+        neighbours.own = self._hear_own
+
+    def _hear_own(self, robot: Address, start: Time, end: Time) -> None:
+        """Have the station of *robot* hear nothing in [start, end), in which another radio of it sends."""
+        if start > self.kernel.now:
+            self.kernel.at(start, partial(self._stations.deafen, robot, end), WORLD)
+        else:
+            self._stations.deafen(robot, end)
 
     def _routers(self, streams: Streams) -> Forwarding | None:
         routing = self._settings.routing

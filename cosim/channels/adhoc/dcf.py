@@ -26,7 +26,19 @@ from cosim.channels.adhoc.air import begin, leave_packet, new_frame, tell, tell_
 from cosim.channels.adhoc.log import log_access, log_response, log_unsensed, note_waiting
 from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Form
 from cosim.channels.adhoc.reception import IGNORED, RIGHT, begins, disturb, ends, energy, stop_following
-from cosim.channels.adhoc.state import DONE, END, FAILURE, FINISHED, NEVER, NONE, RECEIVED, Log, Network, Record
+from cosim.channels.adhoc.state import (
+    DONE,
+    END,
+    FAILURE,
+    FINISHED,
+    NEVER,
+    NONE,
+    RECEIVED,
+    REFUSED,
+    Log,
+    Network,
+    Record,
+)
 from cosim.jit import njit
 from cosim.kernel import AIR, DELIVER
 from cosim.machine import BROADCAST
@@ -116,7 +128,7 @@ def power(network: Network, log: Log | None, address: int, on: bool, now: Time) 
     station.exchanging = station.erred = station.pending = False
     station.window = network.common[0].cw_min
     stop_following(station, now)
-    station.reserved_until = now
+    station.reserved_until = station.used_until = now
     if station.sending != NONE:
         station.sent_for += now - network.frames[station.sending].begin
         network.frames[station.sending].whole = False
@@ -197,12 +209,13 @@ def contend(network: Network, log: Log | None, address: int, now: Time) -> None:
     common, station = network.common[0], network.stations[address]
     if station.exchanging or station.ends != NEVER or not (station.pending or station.waiting > 0):
         return
-    idle_for_good = max(station.idle_from, station.reserved_until) + (common.eifs if station.erred else common.difs)
+    idle_for_good = max(station.idle_from, station.reserved_until, station.refused_until)
+    idle_for_good += common.eifs if station.erred else common.difs
     busy = energy(network, address)
     if not station.pending:
         due = max(now, idle_for_good)
         sensed = busy and station.energy_from + common.cca <= due
-        if station.sending == NONE and station.reserved_until <= now and not sensed:
+        if station.sending == NONE and max(station.reserved_until, station.refused_until) <= now and not sensed:
             station.ends = due
             station.ends_event = push(network, due, AIR, MAY_SEND, address)
             if log is not None:
@@ -231,6 +244,10 @@ def may_send(network: Network, log: Log | None, address: int, now: Time) -> None
     station.ends, station.ends_event = NEVER, NONE
     station.pending = False
     if station.waiting == 0:
+        return
+    if station.permit == REFUSED:  # the medium is busy for it
+        _draw(common, station, address, now)
+        contend(network, log, address, now)
         return
     station.exchanging = True
     packet = network.packets[station.first]
@@ -263,6 +280,9 @@ def _defer(network: Network, log: Log | None, address: int, sensed_at: Time, now
 @njit(cache=True, borrows=True)
 def send_data(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Send the first of the queue."""
+    if network.stations[address].permit == REFUSED:  # after a CTS
+        _fail(network, log, address, now)
+        return
     common, number = network.common[0], network.stations[address].first
     packet = network.packets[number]
     rest = 0 if packet.destination == BROADCAST else common.sifs + common.ack.duration
@@ -273,6 +293,10 @@ def send_data(network: Network, log: Log | None, address: int, now: Time) -> Non
 def answer(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Send the answer that is owed, an ACK or a CTS."""
     common, station = network.common[0], network.stations[address]
+    if station.permit == REFUSED:  # nor may it send anything else
+        _defer(network, log, address, now, now)
+        contend(network, log, address, now)
+        return
     form = common.ack if station.answer_kind == ACK else common.cts
     to, reserves, number = station.answer_to, station.answer_reserves, station.answer_number
     _transmit(network, log, address, station.answer_kind, to, form, reserves, number, NONE, now)
@@ -302,6 +326,7 @@ def _transmit(
     frame.reserves, frame.number, frame.packet = reserves, number, packet
     station.sending = sending
     station.act = now + form.duration
+    station.used_until = station.act + reserves
     push(network, station.act, DELIVER, SENT, address)
     begin(network, sending, now)
 

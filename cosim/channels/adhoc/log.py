@@ -91,7 +91,9 @@ def note_waiting(network: Network, log: Log, address: int, now: Time) -> None:
     """Note from when on a station waits for an interframe space, which it begins to do *now*, or when it may."""
     if len(log.intervals) > 0:
         station = network.stations[address]
-        station.waits_from = max(now, station.idle_from, station.reserved_until, station.logged_to)
+        station.waits_from = max(
+            now, station.idle_from, station.reserved_until, station.refused_until, station.logged_to
+        )
 
 
 @njit(cache=True, borrows=True)

@@ -15,10 +15,11 @@ from cosim.channels.adhoc.jamming import FIRST_MHZ, MEMORY, SPACING_MHZ
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.adhoc.state import BEGUN, Records, new_records
 from cosim.channels.air.band import Emission
-from cosim.channels.air.emissions import Listening, next_change, write_levels
+from cosim.channels.air.emissions import GENERATION, Listening, next_change, write_levels
 from cosim.channels.air.shared import NEVER, SharedAir
-from cosim.channels.air.spectra import DSSS, OFDM, OFFSETS, STEPS_PER_MHZ
+from cosim.channels.air.spectra import DSSS, JAMMER, OFDM, OFFSETS, STEPS_PER_MHZ
 from cosim.kernel import Kernel
+from cosim.machine import Address
 from cosim.units import Time
 
 KINDS: Final = {"dsss": DSSS, "dsss_short": DSSS, "erp": OFDM, "erp_long_slot": OFDM}
@@ -33,14 +34,17 @@ class Neighbours:
         """True while stations must notice what others send as it begins."""
         self.noticed: Callable[[Time], None] = lambda start: None
         """Called with the instant from which another one will send."""
+        self.own: Callable[[Address, Time, Time], None] | None = None
+        """Called with robot, start and end of what robots' other radios send, now or soon, if they are arbitrated."""
         self.begun: Callable[[Time], Records] = lambda until: new_records(0, BEGUN)
         """Takes from the stations the frames that have begun before an instant."""
         self._air, self._kernel = air, kernel
         self._sent_mw = sent_mw
         middle_mhz = FIRST_MHZ + SPACING_MHZ * (settings.channel - 1)
         self._shares = air.band.table.shares
-        number = air.join(self)
-        self._listening = Listening(KINDS[settings.phy], int(STEPS_PER_MHZ * middle_mhz), number)
+        self.number = air.join(self)
+        """Its number in the band."""
+        self._listening = Listening(KINDS[settings.phy], int(STEPS_PER_MHZ * middle_mhz), self.number)
 
     # ------------------------------------------------------------ what stations hear
 
@@ -49,6 +53,15 @@ class Neighbours:
         self.attentive = True
         self._air.review()
         self._air.reconsider()
+        if self.own is not None:
+            self._tell_own(self.own)
+
+    def _tell_own(self, own: Callable[[Address, Time, Time], None]) -> None:
+        """Tell of what is on the air, or will be soon, and was told while no station was attentive."""
+        table, now = self._air.band.table, self._kernel.now
+        for start, end, kind, _, sender, tenant in table.rows[: table.state[0], :GENERATION].tolist():
+            if end > now and tenant != self.number and kind != JAMMER:
+                own(sender, start, end)
 
     def ignore(self) -> None:
         """Be told no more: all stations are at rest."""
@@ -104,7 +117,9 @@ class Neighbours:
         """Do nothing."""
 
     def hear(self, emission: Emission) -> None:
-        """Have the stations notice *emission*, if any of it falls into the channel's band."""
+        """Have the stations notice *emission*, if any of it falls into the channel's band, or it is their robot's."""
+        if self.own is not None and emission.kind != JAMMER:
+            self.own(emission.sender, emission.start, emission.end)
         kind, centre, _ = self._listening
         offset = abs(emission.centre - centre)
         if offset < OFFSETS and self._shares[emission.kind, kind, offset] > 0.0:

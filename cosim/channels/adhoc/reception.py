@@ -7,6 +7,8 @@ Where they fade, frames have powers. One that is strong enough is followed; all 
 each for as long as it lasts. A much stronger one that begins during the preamble of the first takes its place
 (capture). Whether the frame that was followed is received is drawn at its end, from the probability that all its parts
 have no errors, of which the logarithms are added up whenever the disturbance changes.
+
+A station whose robot's other radio sends is deaf, where an arbiter divides the air between them.
 """
 
 import math
@@ -57,7 +59,7 @@ def is_calm(network: Network, address: int, more_mw: float) -> bool:
 def begins(network: Network, address: int, number: int, mw: float, now: Time) -> bool:
     """Note that a frame begins to arrive; a station that sends follows none. Return whether silence ends."""
     common, station = network.common[0], network.stations[address]
-    was_busy, deaf = energy(network, address), station.sending != NONE
+    was_busy, deaf = energy(network, address), station.sending != NONE or now < station.deaf_until
     if common.fades:
         follows = not deaf and mw >= common.follows_mw and _takes_over(network, station, address, mw, now)
     else:
@@ -66,6 +68,7 @@ def begins(network: Network, address: int, number: int, mw: float, now: Time) ->
     if follows:
         stop_following(station, now)
         station.followed, station.followed_from, station.spoilt = number, now, False
+        station.deafened = False
         station.log_chance, station.level_from, station.least_level = 0.0, 0, math.inf
     network.powers_mw[number, address] = mw
     station.arriving += 1
@@ -106,7 +109,7 @@ def ends(network: Network, address: int, number: int, now: Time) -> int:
     _spoil(station, now)
     stop_following(station, now)
     right = _is_right(network, address, number) if common.fades else not station.spoilt
-    return RIGHT if right and frame.whole else WRONG
+    return RIGHT if right and frame.whole and not station.deafened else WRONG
 
 
 @njit(cache=True, borrows=True)
@@ -126,6 +129,14 @@ def disturb(network: Network, address: int, mw: float, at: Time) -> bool:
     if energy(network, address) and not was_busy:
         station.energy_from = at
     return energy(network, address) != was_busy
+
+
+@njit(cache=True, borrows=True)
+def deafen(network: Network, address: int, until: Time) -> None:
+    """Note that another radio of the robot sends from now *until* then: nothing is received across that."""
+    station = network.stations[address]
+    station.deaf_until = max(station.deaf_until, until)
+    station.deafened = True
 
 
 @njit(cache=True, borrows=True)

@@ -37,5 +37,6 @@ SPEC: Final = ChannelSpec(
     payload_bytes=_payload_bytes,
     fades=_fades,
     listens=True,
+    arbitrated=True,
 )
 """The channel."""

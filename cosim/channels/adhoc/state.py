@@ -25,6 +25,10 @@ NONE: Final = -1
 NEVER: Final = 1 << 62
 """An instant after all others."""
 
+UNASKED: Final = 0
+GRANTED: Final = 1
+REFUSED: Final = 2
+
 NOTHING: Final = 0
 FAILURE: Final = 1
 END: Final = 2
@@ -67,6 +71,7 @@ COMMON: Final = np.dtype(
         ("free_packet", np.int64),
         ("rowless", np.int64),  # the station whose row of powers is needed
         ("begun", np.int64),  # number of frames that other radios have not been told of
+        ("arbitrates", np.bool_),  # some stations ask before they send
     ],
     align=True,
 )
@@ -115,6 +120,12 @@ STATION: Final = np.dtype(
         ("level", np.float64),  # ratio of its power to all others and noise since then
         ("level_from", np.int64),  # since it began to arrive
         ("least_level", np.float64),
+        ("arbitrated", np.bool_),  # another radio of its robot may have the air: it asks before it sends
+        ("permit", np.int64),  # what it has been told: UNASKED, GRANTED or REFUSED
+        ("refused_until", np.int64),  # when the other radio's use is over
+        ("used_until", np.int64),  # end of the last frame that it has sent, and of the time for its answers
+        ("deaf_until", np.int64),  # end of what another radio of its robot sends
+        ("deafened", np.bool_),  # such a radio has sent while that frame was followed
         ("lost_at", np.int64),  # end of the last frame for it that it has followed and not received, for tables
         ("row", np.int64),  # where its row begins, see ``Network.rows``; NONE if it must be asked for
         ("row_end", np.int64),

@@ -14,23 +14,26 @@ from typing import Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 
 from cosim.arrays import Int64s
-from cosim.channels.adhoc.advance import FULL, ROWLESS, TOLD, advance, jam_all
-from cosim.channels.adhoc.agenda import ORDER_BITS
+from cosim.channels.adhoc.advance import ASK, FULL, ROWLESS, TOLD, advance, jam_all
+from cosim.channels.adhoc.agenda import ANSWER, MAY_SEND, ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
 from cosim.channels.adhoc.log import EACH, MORE, has_log_room, log_under_way
-from cosim.channels.adhoc.mac import KINDS, Access, Limits, Packet, Timing
+from cosim.channels.adhoc.mac import ACK, DATA, KINDS, RTS, Access, Form, Limits, Packet, Timing
 from cosim.channels.adhoc.reach import FEW
+from cosim.channels.adhoc.reception import deafen
 from cosim.channels.adhoc.state import (
     BEGUN,
     DONE,
     END,
     FORM,
+    GRANTED,
     INTERVAL,
     NEVER,
     NONE,
     RECEIVED,
     RECEPTION,
+    REFUSED,
     REPORT,
     TRANSMISSION,
     Log,
@@ -43,6 +46,7 @@ from cosim.channels.adhoc.state import (
     with_frames,
     with_packets,
 )
+from cosim.channels.air.arbitration import Rank, Seat
 from cosim.channels.base import Flying
 from cosim.channels.energy import IDLE, OFF, RECEIVE, TRANSMIT, Use, Uses
 from cosim.jit import njit
@@ -187,6 +191,8 @@ class Stations:
         self._pumping = False
         self._stirred = False
         """Something has been put on the agenda since the pump has begun."""
+        self._seats: dict[Address, Seat] = {}
+        """Stations that ask before they send."""
 
     def _use(self, network: Network) -> None:
         """Take *network*, whose arrays are new."""
@@ -254,6 +260,68 @@ class Stations:
         if kept:
             network.rows[:used] = np.concatenate(kept)
         self._rows_used, self._rows = used, 0
+
+    # ------------------------------------------------------------ other radios of the same robots
+
+    def arbitrate(self, address: Address, seat: Seat) -> None:
+        """Have a station ask at *seat* before it sends."""
+        self._seats[address] = seat
+        self._network.stations[address]["arbitrated"] = True
+        self._common["arbitrates"] = True
+
+    def deafen(self, address: Address, until: Time) -> None:
+        """Note that another radio of the robot sends from now *until* then, if the station must ask that one."""
+        if address in self._seats:
+            deafen(self._network, address, until)
+
+    def used_until(self, address: Address, start: Time, end: Time, rank: Rank) -> Time | None:
+        """Return the end of what the station does in [start, end) and has begun, or goes before *rank*.
+
+        That is what it sends, with the time for answers; and what is for it, or for all, as it arrives, and its answer.
+        """
+        station, sifs = self._network.stations[address], self._timing.sifs
+        until = int(station["used_until"])
+        if rank < Rank.RECEPTION:
+            if station["followed"] != NONE:
+                frame = self._network.frames[station["followed"]]
+                over = int(frame["begin"] + frame["form"]["duration"]) + self._timing.delay
+                if frame["destination"] == BROADCAST:
+                    until = max(until, over)
+                elif frame["destination"] == address and frame["kind"] in (DATA, RTS):
+                    until = max(until, over + sifs + self._timing.ack.duration)
+            elif station["sending"] == NONE and station["act"] >= self._kernel.now:  # it owes an answer
+                until = max(until, int(station["act"]) + self._answer(address).duration)
+        return until if until > start else None
+
+    def _answer(self, address: Address) -> Form:
+        return self._timing.ack if self._network.stations[address]["answer_kind"] == ACK else self._timing.cts
+
+    def _ask(self, now: Time) -> None:
+        """Ask for the station that is about to send *now*, and note what it is told."""
+        event = self._network.agenda[0]
+        address, kind = int(event["who"]), int(event["kind"])
+        station = self._network.stations[address]
+        if kind == MAY_SEND:
+            rank, until = Rank.FRAME, now + self._exchange(int(station["first"]))
+        elif kind == ANSWER:
+            reserves = int(station["answer_reserves"])
+            rank, until = Rank.RECEPTION, now + self._answer(address).duration + reserves
+        else:
+            rank, until = Rank.RECEPTION, int(station["used_until"])
+        refused_until = self._seats[address].ask(now, now, until, rank)
+        station["permit"] = GRANTED if refused_until is None else REFUSED
+        if refused_until is not None:
+            station["refused_until"] = refused_until
+
+    def _exchange(self, number: int) -> Time:
+        """Return how long it takes to send a packet and receive all answers."""
+        packet, timing = self._network.packets[number], self._timing
+        time = int(packet["form"]["duration"])
+        if packet["destination"] != BROADCAST:
+            time += timing.sifs + timing.ack.duration
+        if packet["asks"]:
+            time += timing.rts.duration + timing.cts.duration + 2 * timing.sifs
+        return time
 
     # ------------------------------------------------------------ what can be asked
 
@@ -427,6 +495,8 @@ class Stations:
                 self._add_rows(self._rowless[0])
             elif why == FULL:
                 self._make_room()
+            elif why == ASK:
+                self._ask(time)
             else:
                 return why == TOLD, (time, phase)
 

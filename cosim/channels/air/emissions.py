@@ -245,6 +245,18 @@ def _others_at(table: Table, tuning: Tuning, tenant: int, time: Time) -> float:
 
 
 @njit(cache=True, borrows=True)
+def sends_otherwise(table: Table, sender: int, tenant: int, start: Time, end: Time) -> bool:
+    """Return whether *sender* has something on the air in [start, end) by another channel than *tenant*."""
+    for at in range(table.state[0]):
+        row = table.rows[at]
+        if row[START] >= end:
+            break
+        if row[END] > start and row[SENDER] == sender and row[TENANT] != tenant:
+            return True
+    return False
+
+
+@njit(cache=True, borrows=True)
 def _is_heard(table: Table, at: int, listening: Listening) -> bool:
     """Return whether emission *at* is another channel's, and not a jammer, and falls into the filter."""
     if table.rows[at, TENANT] == listening.tenant or table.rows[at, KIND] == JAMMER:

@@ -13,6 +13,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from cosim.channels.air.arbitration import Arbitration
 from cosim.channels.air.band import Band, Emission, Tenant
 from cosim.channels.base import Positions
 from cosim.channels.jamming import Jammer
@@ -53,8 +54,17 @@ class Neighbour(Tenant, Protocol):
 class SharedAir:
     """The air between the radios of *size* robots; *isolation_db* is what weakens a robot's radios at each other."""
 
-    def __init__(self, kernel: Kernel, size: int, propagation: Propagation, isolation_db: float) -> None:
+    def __init__(
+        self,
+        kernel: Kernel,
+        size: int,
+        propagation: Propagation,
+        isolation_db: float,
+        arbitration: Arbitration | None = None,
+    ) -> None:
+        """*arbitration* is None if a robot's radios work at the same time."""
         self.propagation = propagation
+        self.arbitration = arbitration
         self.band = Band(size, isolation_db)
         self._kernel = kernel
         self._size = size

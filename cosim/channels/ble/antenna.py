@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final, NamedTuple, Protocol
 
+from cosim.channels.air.arbitration import Rank, Seat
 from cosim.channels.ble.packets import LOOKBACK, Sent
 from cosim.channels.ble.phy import Phy
 from cosim.channels.energy import RECEIVE, TRANSMIT, Use
@@ -30,6 +31,9 @@ class Claim(Protocol):
 
     def taken_until(self, start: Time, end: Time) -> Time | None:
         """Return the end of what it does in [start, end), of the last such if there are several; None for nothing."""
+
+    def claimed_until(self, address: Address, start: Time, end: Time, rank: Rank) -> Time | None:
+        """Return the end of what is planned in [start, end), and is more to *address* than *rank*; None for nothing."""
 
     def doing(self, address: Address, since: Time, until: Time) -> Iterable[Doing]:
         """Return what the device *address* does for it from a time in [since, until) on, if that is not noted."""
@@ -61,6 +65,10 @@ class Antenna:
         self._booked: deque[tuple[Time, Time, object, Time]] = deque()  # start, end, owner, when it was booked
         self.meter: Noting | None = None
         """What keeps count of its radio, if anything does."""
+        self.seat: Seat | None = None
+        """Where it asks before it sends, if another radio of the robot may have the air."""
+        self.advertises: tuple[Time, Time] = (0, 0)
+        """From when to when the last event of advertising lasts that it has asked for and was granted."""
 
     @property
     def claims(self) -> list[Claim]:
@@ -114,6 +122,21 @@ class Antenna:
             if since < end and until > start and of is not owner and made <= known
         ]
         return max(ends, default=None)
+
+    def refused_until(self, now: Time, start: Time, end: Time, rank: Rank) -> Time | None:
+        """Ask *now* for the air in [start, end); return when what another radio of the robot uses it for is over.
+
+        None if nothing is in the way.
+        """
+        return None if self.seat is None else self.seat.ask(now, start, end, rank)
+
+    def used_until(self, address: Address, start: Time, end: Time, rank: Rank) -> Time | None:
+        """Return the end of what has begun, or is more to the device *address* than *rank*, in [start, end)."""
+        ends = [self.booked_until(start, end)]
+        ends += [claim.claimed_until(address, start, end, rank) for claim in self.claims]
+        if self.advertises[0] < end and self.advertises[1] > start:
+            ends.append(self.advertises[1])
+        return max((each for each in ends if each is not None), default=None)
 
     def taken_until(self, start: Time, end: Time, known: Time | None = None) -> Time | None:
         """Return the end of what is done, or will be done, in [start, end); None if it is free.

@@ -4,9 +4,11 @@ An event is not sent if anything else takes the antenna during it. What its pack
 no longer than the time that is between them anyway.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.ble.advertising import REQUEST_ROOM, SCAN_REQUEST, Advertiser, Event
 from cosim.channels.ble.antenna import Antenna
 from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
@@ -15,6 +17,7 @@ from cosim.channels.ble.bits.pdu import AdvertisingType, DeviceAddress, Undirect
 from cosim.channels.ble.packets import LOOKBACK, Sent
 from cosim.channels.ble.phy import HEADER_OCTETS, LE_1M, T_IFS
 from cosim.channels.clock import NativeClock
+from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import Time
@@ -77,6 +80,8 @@ class Beacon:
         self._begun = 0
         self._due: tuple[Time, Time] = (0, 0)
         """An instant, and the first after it at which a packet is due."""
+        self._left_out: deque[Time] = deque(maxlen=_KEPT)
+        """Begins of the last events that it has left out, as another radio of the robot had the air."""
         self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
         self.changed: Callable[[Time], None] = lambda now: None
         """Called with the instant at which it begins or ends."""
@@ -120,10 +125,15 @@ class Beacon:
 
     def sends(self, advertiser: Advertiser, event: Event) -> bool:
         """Return whether it sends *event*: nothing else takes the antenna, for all that is known as it begins."""
-        begin, end = self._span(advertiser, event)
-        return self._antenna.taken_until(begin, end, begin) is None
+        begin, end = self.span(advertiser, event)
+        return begin not in self._left_out and self._antenna.taken_until(begin, end, begin) is None
 
-    def _span(self, advertiser: Advertiser, event: Event) -> tuple[Time, Time]:
+    def leave_out(self, begin: Time) -> None:
+        """Do not send the event that begins now, at *begin*."""
+        self._left_out.append(begin)
+
+    def span(self, advertiser: Advertiser, event: Event) -> tuple[Time, Time]:
+        """Return from when to when *event* lasts, with the time for the last request."""
         last = len(advertiser.channels) - 1
         begin = advertiser.start(event, 0)
         return begin, advertiser.start(event, last) + advertiser.air_time + advertiser.gap
@@ -145,7 +155,7 @@ class Beacon:
         """Return the end of the event that it sends in [start, end), or in part of that; None if it sends none."""
         found = None
         for advertiser, event, over in self._events(start - _LONGEST_EVENT, end):
-            begin, ends = self._span(advertiser, event)
+            begin, ends = self.span(advertiser, event)
             ends = ends if advertiser is self.advertiser else min(ends, over)
             if begin < min(end, over) and ends > start and self.sends(advertiser, event):
                 found = ends
@@ -171,6 +181,33 @@ class Beacon:
                     start = advertiser.start(event, turn)
                     if since <= start < min(until, over):
                         yield self.packet(channel, start)
+
+
+class Asking:
+    """Asks for the air for each event of a *beacon* as it begins, where another radio of the robot may have it."""
+
+    def __init__(self, kernel: Kernel, beacon: Beacon, antenna: Antenna) -> None:
+        self._kernel, self._beacon, self._antenna = kernel, beacon, antenna
+
+    def begin(self) -> None:
+        """Ask for the events of the advertising that begins now."""
+        advertiser = self._beacon.advertiser
+        if advertiser is not None and self._antenna.seat is not None:
+            self._wait(advertiser, advertiser.event_from(self._kernel.now))
+
+    def _wait(self, advertiser: Advertiser, event: Event) -> None:
+        self._kernel.at(advertiser.start(event, 0), lambda: self._ask(advertiser, event))
+
+    def _ask(self, advertiser: Advertiser, event: Event) -> None:
+        if self._beacon.advertiser is not advertiser:
+            return
+        begin, end = self._beacon.span(advertiser, event)
+        if self._beacon.sends(advertiser, event):
+            if self._antenna.refused_until(begin, begin, end, Rank.EMPTY) is None:
+                self._antenna.advertises = begin, end
+            else:
+                self._beacon.leave_out(begin)
+        self._wait(advertiser, advertiser.after(event))
 
 
 class Beacons:
@@ -204,6 +241,8 @@ class Beacons:
                     yield from beacon.packets(since, until)
 
 
+_KEPT: Final = 64
+"""Number of events, of 20 ms at least, that anybody may ask for yet."""
 LATER: Final[Time] = 1 << 61
 """An instant that no run reaches."""
 _LONGEST_EVENT: Final = 3 * (LE_1M.air_time(37) + LE_1M.air_time(34) + 150_000)

@@ -103,6 +103,8 @@ class BleChannel(Channel):
         if settings.energy is not None:
             self._meter(settings.energy, sent_dbm)
         for device in self.devices:
+            if air is not None and air.arbitration is not None:
+                device.arbitrate(air.arbitration, self.intervals)
             device.start(first=True)
 
     def _meter(self, energy: str, sent_dbm: Sequence[float]) -> None:

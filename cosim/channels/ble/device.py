@@ -12,8 +12,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from cosim.channels.air.arbitration import Arbitration, Rank
 from cosim.channels.ble.antenna import Antenna
-from cosim.channels.ble.beacon import Beacon, device_address
+from cosim.channels.ble.beacon import Asking, Beacon, device_address
 from cosim.channels.ble.bits.access import draw
 from cosim.channels.ble.bits.control import PHY_1M, PHY_2M, PHY_CODED, Lengths
 from cosim.channels.ble.bits.l2cap import MOST_TIME, MOST_TIME_CODED
@@ -36,6 +37,7 @@ from cosim.channels.ble.session import Limits, Session, Terminal
 from cosim.channels.ble.settings import LINK_PHYS, BleSettings, ScanSettings
 from cosim.channels.ble.station import Station
 from cosim.channels.clock import NativeClock
+from cosim.intervals import Intervals
 from cosim.kernel import Handle
 from cosim.machine import (
     Address,
@@ -98,6 +100,7 @@ class Device:
         self._scan = _windows(self.clock, settings.scan, stream)
         self._listen = _windows(self.clock, settings.listen, stream)
         self.station = Station(address, self._ether, antenna, beacon, self._listen)
+        self._asking = Asking(self._kernel, beacon, antenna)
         site.stations.append(self.station)
         self._way = WAYS[settings.broadcast.by]
         draws = site.streams.draws("ble", "sets", address)
@@ -120,6 +123,12 @@ class Device:
             self._advertise(int(self._stream.integers(interval)))
         else:
             self._advertise()
+
+    def arbitrate(self, arbitration: Arbitration, intervals: Intervals) -> None:
+        """Ask before it sends, if the robot has other radios in the air."""
+        antenna = self.station.antenna
+        uses = partial(antenna.used_until, self.address)
+        antenna.seat = arbitration.seat(self.address, self._ether.tenancy.number, uses, intervals)
 
     # ---------------------------------------------------------------- payloads
 
@@ -162,6 +171,7 @@ class Device:
         if self._findable and self._ether.on[self.address] and self.station.beacon.advertiser is None:
             self.station.antenna.settle(self._kernel.now)
             self.station.beacon.begin(self._kernel.now, after)
+            self._asking.begin()
             self._site.changed()
 
     def _conceal(self) -> None:
@@ -288,7 +298,10 @@ class Device:
         request = Sent(
             start, self.address, peer.address, "CONNECT_IND", packet.channel, LE_1M, octets, 0, *of_link_layer
         )
-        if self.station.antenna.taken_until(start, request.end) is not None:
+        antenna, now = self.station.antenna, self._kernel.now
+        if antenna.taken_until(start, request.end) is not None:
+            return
+        if antenna.refused_until(now, now, request.end, Rank.DATA) is not None:
             return
         self.station.antenna.book(start, request.end, self, self._kernel.now)
         self._ether.send(request)

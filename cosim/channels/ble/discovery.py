@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.ble.advertising import Advertiser
 from cosim.channels.ble.beacon import LATER, device_address
 from cosim.channels.ble.bits.pdu import AdvertisingType, Directed, encode_advertising
@@ -61,7 +62,10 @@ class Requests:
         request = self._packet("SCAN_REQ", packet.end + T_IFS, self._station, peer, packet, pdu)
         response = self._packet("SCAN_RSP", request.end + T_IFS, peer, self._station, packet, peer.beacon.response)
         antenna = self._station.antenna
-        if antenna.taken_until(request.start, response.end) is not None or not self._backoff.asks():
+        if antenna.taken_until(request.start, response.end) is not None:
+            return
+        now = self._kernel.now
+        if antenna.refused_until(now, now, response.end, Rank.EMPTY) is not None or not self._backoff.asks():
             return
         antenna.book(packet.end, response.end, self, self._kernel.now)
         antenna.listens(packet.end, request.start, LE_1M)

@@ -152,6 +152,8 @@ class Ether:
         if not self.was_on(packet.source, packet.start) or power_dbm < self._noticed_dbm[packet.phy.name]:
             return Judgement(Reception.MISSED, "out_of_range")
         sections = self._interference(packet, receiver)
+        if self.tenancy.deaf(packet, receiver):
+            return Judgement(Reception.MISSED, "busy")
         worst = max(section.mw for section in sections)
         g = self._ratio(packet.phy, power_dbm, worst)
         shown = (power_dbm, _decibels(g)) if self._fading else (None, _decibels(g) if worst else None)

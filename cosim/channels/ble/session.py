@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.ble.antenna import Antenna, Doing
 from cosim.channels.ble.bits.control import ChannelMapInd, ConnectionUpdateInd
 from cosim.channels.ble.bits.l2cap import ATTRIBUTES, LEAST_OCTETS, MOST_OCTETS, Message, Reassembly, fragments
@@ -36,6 +37,8 @@ from cosim.units import US, Time
 
 NOTIFICATION: Final = bytes.fromhex("1b0300")
 """Opcode and handle of an ATT notification, in which payloads are sent."""
+LAST_EVENTS: Final = 6
+"""Events before its time-out from which on a link goes before all that has not begun; or half of that time."""
 _KINDS: Final = {Llid.START: "DATA", Llid.CONTINUATION: "DATA", Llid.CONTROL: "CONTROL"}
 
 
@@ -354,13 +357,40 @@ class Session:
         central, peripheral = self.terminals
         if central.gone:
             return
-        if central.antenna.booked_until(now, now + self._least, self) is not None:
+        if central.antenna.booked_until(now, now + self._least, self) is not None or self._refused(Side.CENTRAL):
             link.skip()
             self._go_on()
             return
         present = not peripheral.gone and peripheral.antenna.booked_until(now, now + self._least, self) is None
-        link.begin(self._until(now), present)
+        event = link.begin(self._until(now), present)
+        if event.listening and self._refused(Side.PERIPHERAL):
+            event.listening = False
         self._proceed()
+
+    def _refused(self, side: Side) -> bool:
+        """Return whether another radio of an end has the air, so that the end leaves out the event that begins now."""
+        now, antenna = self._kernel.now, self.terminals[side].antenna
+        if antenna.seat is None:
+            return False
+        return antenna.refused_until(now, now, now + self._least, self._rank(side, now)) is not None
+
+    def _rank(self, side: Side, anchor: Time) -> Rank:
+        """Return what an event at *anchor* is to an end, for all that it knows now."""
+        end = self.link.ends[side]
+        interval, latency, timeout = end.parameters.interval, end.parameters.latency, end.parameters.timeout
+        if self.link.deadline(side) - anchor <= min(LAST_EVENTS * (1 + latency) * interval, timeout // 2):
+            return Rank.SUPERVISION
+        return Rank.DATA if end.arq.busy else Rank.EMPTY
+
+    def claimed_until(self, address: Address, start: Time, end: Time, rank: Rank) -> Time | None:
+        """Return the end of the least exchange of its next event, if that begins in [start, end) and is of more rank.
+
+        What *address* has to say, or how soon it gives the link up, is as it is known now.
+        """
+        anchor = self.next_from(start)
+        if anchor >= end or self._rank(self.side(address), anchor) <= rank:
+            return None
+        return anchor + self._least
 
     def _until(self, now: Time) -> Time:
         """Return when an event that begins *now* has to be over: the next one of this central begins."""

@@ -38,5 +38,6 @@ SPEC: Final = ChannelSpec(
     _payload_bytes,
     lambda settings: False,  # a device is in all of its piconets, whose events are at other times
     _fades,
+    arbitrated=True,
 )
 """The channel."""

@@ -13,7 +13,7 @@ import numpy as np
 import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.air.band import Band, Emission, Section
-from cosim.channels.air.emissions import Tuning, Wanted
+from cosim.channels.air.emissions import Tuning, Wanted, sends_otherwise
 from cosim.channels.air.jammers import emissions
 from cosim.channels.air.shared import NEVER, SharedAir
 from cosim.channels.air.spectra import LE_1M as KIND_1M
@@ -56,7 +56,8 @@ class Tenancy:
         self._jammers: list[tuple[Jammer, Address]] = []
         """Jammers, and their numbers among the senders."""
         self._band = Band(self._size, 0.0) if shared is None else shared.band
-        self._number = self._band.join(self) if shared is None else shared.join(self)
+        self.number = self._band.join(self) if shared is None else shared.join(self)
+        """Its number in the band."""
         self.reconsider: Callable[[], None] = lambda: None
         """Called when others begin, or cease, to be silent."""
         self.silent = False
@@ -104,8 +105,17 @@ class Tenancy:
             self.shared.refresh()
             self._catch_up(packet.end, packet.end - LOOKBACK)
         tuning = Tuning(_kind(packet.phy), 2 * packet.centre_mhz, receiver)
-        wanted = Wanted(self._number, packet.source)
+        wanted = Wanted(self.number, packet.source)
         return self._band.interference(tuning, packet.start, packet.end, wanted)
+
+    def deaf(self, packet: Sent, receiver: Address) -> bool:
+        """Return whether another radio of the *receiver* has sent during *packet*, after ``interference``.
+
+        Where nothing arbitrates such a radio only disturbs.
+        """
+        if self.shared is None or self.shared.arbitration is None:
+            return False
+        return sends_otherwise(self._band.table, receiver, self.number, packet.start, packet.end)
 
     # ---------------------------------------------------------------- as a tenant
 
@@ -158,7 +168,7 @@ class Tenancy:
                 for packet in lazy(since, until):
                     self._tell(packet)
             for (jammer, number), mw in zip(self._jammers, self._jam_mw(), strict=True):
-                for emission in emissions(jammer, number, self._number, mw, since, until):
+                for emission in emissions(jammer, number, self.number, mw, since, until):
                     self._band.tell(emission)
 
     def _tell(self, packet: Sent) -> None:
@@ -167,7 +177,7 @@ class Tenancy:
     def _emission(self, packet: Sent) -> Emission:
         mw = self._sent_mw[packet.source]
         at = 2 * packet.centre_mhz
-        return Emission(packet.start, packet.end, _kind(packet.phy), at, packet.source, self._number, mw)
+        return Emission(packet.start, packet.end, _kind(packet.phy), at, packet.source, self.number, mw)
 
     # ---------------------------------------------------------------- a band of their own
 

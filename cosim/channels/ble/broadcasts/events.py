@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from typing import Final, NamedTuple
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.ble.advertising import LONGEST_DELAY
 from cosim.channels.ble.beacon import device_address
 from cosim.channels.ble.bits.access import ADVERTISING_ADDRESS
@@ -140,6 +141,8 @@ class Events(ABC):
         again = [antenna.booked_until(now, end), station.beacon.taken_until(now, now + 1)]
         if now < self._due and (taken := antenna.taken_until(now, end)) is not None:
             again.append(min(taken, self._due))
+        if not any(again):
+            again = [antenna.refused_until(now, now, end, Rank.DATA)]
         waits = [each for each in again if each is not None]
         if waits:
             self._tries += 1

@@ -8,6 +8,7 @@ the three follows; whoever has the payload does not follow again, as AdvDataInfo
 from collections.abc import Callable
 from typing import Final
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.ble.beacon import device_address
 from cosim.channels.ble.bits.pdu import OFFSET_UNITS, AuxiliaryPhy, AuxPtr, DataInfo, Extended, encode_advertising
 from cosim.channels.ble.broadcasts.events import Speaker, Step
@@ -82,9 +83,12 @@ class ExtendedSet(PayloadSet):
         """Have those who hear an ADV_EXT_IND follow."""
         begin, end = self._start + self._steps[len(ADVERTISING)].after, self._start + self.duration
         for listener, _ in self.heard_by(packet, self._got | self._follow):
-            if listener.antenna.taken_until(begin, end) is None:
+            now, antenna = self._kernel.now, listener.antenna
+            if antenna.taken_until(begin, end) is not None:
+                continue
+            if antenna.refused_until(now, begin, end, Rank.DATA) is None:
                 self._follow.add(listener.address)
-                listener.antenna.book(begin, end, self, self._kernel.now)
+                antenna.book(begin, end, self, now)
 
     def _carry(self, packet: Sent, last: bool) -> None:
         """Have those who follow take a part of the payload, and at *last* all of it."""

@@ -12,7 +12,7 @@ const COLOURS = {
   central: 0, peripheral: 1, scanning: 3, initiating: 2,
   inquiry: 3, inquiry_scan: 3, inquiry_backoff: 8, inquiry_response: 8, page: 2, page_scan: 2, page_response: 4,
   master: 0, slave: 1, link: 0, hold: 5, sniff: 7, park: 6, away: 9, part_time: 7, afh: 5,
-  backoff: 5, difs: 9, eifs: 6, awaits_ack: 2, awaits_cts: 4, route: 8, busy: 9, NAV: 7, off: 9, occluded: 6,
+  backoff: 5, difs: 9, eifs: 6, awaits_ack: 2, awaits_cts: 4, route: 8, busy: 9, deferred: 9, NAV: 7, off: 9, occluded: 6,
   camera_off: 7, clock_stepped: 7, crashed: 6, frozen: 6, killed: 6, jammer: 4, wall: 9,
 };
 const ROBOTS = 8; // that have colours of their own
