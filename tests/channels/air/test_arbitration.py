@@ -176,6 +176,24 @@ def test_nothing_is_received_across_what_the_robots_other_radio_sends(seed: int)
     assert across(received, field.sent()) == 0
 
 
+@pytest.mark.parametrize("told", [False, True])
+def test_a_station_is_deaf_to_what_begins_after_its_robots_other_radio(told: bool) -> None:
+    """Nobody has said anything by 802.11 when the other radio begins; the air may have been *told* of that before."""
+    field = Field([(0, 0), (3, 0)], [(BLE, WIFI), (WIFI,)], {"advertise": {"interval_s": 0.1}}, isolation_db=300.0)
+    beacon = field.channel.parts[BLE].devices[0].station.beacon
+    advertised = [packet for packet in beacon.packets(S, 6 * S) if packet.channel == 37]
+    for packet in advertised:
+        if told:
+            field.kernel.at(packet.start + 10 * US, lambda: field.air.band.settle(field.kernel.now))
+        field.at(packet.start + 20 * US, 1, Outgoing(0, bytes(20), None, WIFI))
+    field.until(7 * S)
+    field.close()
+    assert field.got(0, WIFI) == len(advertised) > 40
+    first = [row for row in field.rows("receptions") if row["receiver"] == 0 and row["outcome"] != "received"]
+    assert len(first) >= len(advertised)
+    assert across(field.received(), field.sent()) == 0
+
+
 def test_without_arbitration_both_happens() -> None:
     field = busy(1, isolation_db=300.0, arbitration=False)
     sent = field.sent()
