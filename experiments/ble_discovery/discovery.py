@@ -18,7 +18,7 @@ from cosim.channels.ble.advertising import Advertiser
 from cosim.channels.ble.channel import BleChannel
 from cosim.channels.ble.channels import ADVERTISING
 from cosim.channels.ble.scanning import ScanWindows, next_heard
-from cosim.channels.ble.settings import AdvertiseSettings, BleSettings, Interference, ScanSettings
+from cosim.channels.ble.settings import AdvertiseSettings, BleSettings, Interference, SearchSettings
 from cosim.channels.clock import NativeClock
 from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
@@ -82,7 +82,7 @@ class Scene:
     def __init__(self, given: Parameters, streams: Streams, number: int, size: int, interference: Interference) -> None:
         settings = BleSettings(
             advertise=AdvertiseSettings(interval_s=given.advertise_s),
-            scan=ScanSettings(interval_s=given.scan_s, window_s=given.window_s),
+            scan=SearchSettings(interval_s=given.scan_s, window_s=given.window_s),
             clock_ppm=0,
             interference=interference,
         )
