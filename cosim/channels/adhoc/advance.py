@@ -103,7 +103,7 @@ def _has_room(network: Network, log: Log | None) -> bool:
 def _asks(network: Network, event: Record) -> bool:
     """Return whether a station is about to send, another radio of its robot may have the air, and it has not asked."""
     kind = event.kind
-    if kind not in (MAY_SEND, ANSWER, SEND_DATA):
+    if kind not in (MAY_SEND, ANSWER):  # DATA after a CTS has begun with the RTS
         return False
     station = network.stations[event.who]
     if not station.arbitrated or station.permit != UNASKED:

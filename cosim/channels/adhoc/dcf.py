@@ -280,9 +280,6 @@ def _defer(network: Network, log: Log | None, address: int, sensed_at: Time, now
 @njit(cache=True, borrows=True)
 def send_data(network: Network, log: Log | None, address: int, now: Time) -> None:
     """Send the first of the queue."""
-    if network.stations[address].permit == REFUSED:  # after a CTS
-        _fail(network, log, address, now)
-        return
     common, number = network.common[0], network.stations[address].first
     packet = network.packets[number]
     rest = 0 if packet.destination == BROADCAST else common.sifs + common.ack.duration

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.arrays import Int64s
 from cosim.channels.adhoc.advance import ASK, FULL, ROWLESS, TOLD, advance, jam_all
-from cosim.channels.adhoc.agenda import ANSWER, MAY_SEND, ORDER_BITS
+from cosim.channels.adhoc.agenda import MAY_SEND, ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
 from cosim.channels.adhoc.log import EACH, MORE, has_log_room, log_under_way
@@ -303,11 +303,9 @@ class Stations:
         station = self._network.stations[address]
         if kind == MAY_SEND:
             rank, until = Rank.FRAME, now + self._exchange(int(station["first"]))
-        elif kind == ANSWER:
+        else:
             reserves = int(station["answer_reserves"])
             rank, until = Rank.RECEPTION, now + self._answer(address).duration + reserves
-        else:
-            rank, until = Rank.RECEPTION, int(station["used_until"])
         refused_until = self._seats[address].ask(now, now, until, rank)
         station["permit"] = GRANTED if refused_until is None else REFUSED
         if refused_until is not None:

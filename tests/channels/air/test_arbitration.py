@@ -16,10 +16,11 @@ import cosim.channels.ble.session as session
 from cosim.channels.air.arbitration import PRIORITIES, Arbitration, Rank
 from cosim.channels.air.band import Emission
 from cosim.channels.ble.connections.channel_map import ChannelMap
+from cosim.channels.ble.phy import T_IFS
 from cosim.channels.radios import RadiosSettings
 from cosim.intervals import Intervals
 from cosim.kernel import DELIVER
-from cosim.machine import BROADCAST, Connected, Fate, Inquire, LinkEvent, Lost, Outgoing, Page, Scan
+from cosim.machine import BROADCAST, Connected, Disconnect, Fate, Inquire, LinkEvent, Lost, Outgoing, Page, Scan
 from cosim.trace import INTERVALS, RECEPTIONS, TRANSMISSIONS, Trace
 from cosim.units import MS, US, S
 from tests.channels.air.shared_field import FREE, SharedField
@@ -27,6 +28,7 @@ from tests.checkout import ROOT
 
 BLE, WIFI = 0, 1  # numbers of radios
 DELAY = US  # of the propagation of 802.11
+SIFS = 10 * US
 IN_BAND = ChannelMap(tuple(range(12, 20)))
 """Channels of Low Energy within 8 MHz of 802.11's channel 6."""
 
@@ -164,6 +166,10 @@ def test_a_robots_radios_never_send_at_once(seed: int) -> None:
     sent = field.sent()
     assert {(each.robot, each.radio) for each in sent} >= {(robot, radio) for robot in (0, 1) for radio in (BLE, WIFI)}
     assert at_once(sent) == 0
+    frames = [row for row in field.rows("transmissions") if row["radio"] == WIFI and row["kind"] in ("DATA", "RTS")]
+    for row in frames:  # with the time that they reserve for what follows
+        begin, end = row["time_ns"], row["time_ns"] + row["duration_ns"] + row["reserves_ns"]
+        assert not any(begin < each.start < end for each in sent if (each.robot, each.radio) == (row["source"], BLE))
     assert sum(field.channel.summary()[f"radio_{radio}_refused"] for radio in (BLE, WIFI)) > 50
 
 
@@ -180,7 +186,8 @@ def test_nothing_is_received_across_what_the_robots_other_radio_sends(seed: int)
 def test_a_station_is_deaf_to_what_begins_after_its_robots_other_radio(told: bool) -> None:
     """Nobody has said anything by 802.11 when the other radio begins; the air may have been *told* of that before."""
     field = Field([(0, 0), (3, 0)], [(BLE, WIFI), (WIFI,)], {"advertise": {"interval_s": 0.1}}, isolation_db=300.0)
-    beacon = field.channel.parts[BLE].devices[0].station.beacon
+    low_energy: Any = field.channel.parts[BLE]
+    beacon = low_energy.devices[0].station.beacon
     advertised = [packet for packet in beacon.packets(S, 6 * S) if packet.channel == 37]
     for packet in advertised:
         if told:
@@ -278,30 +285,81 @@ def test_a_link_that_never_goes_first_is_lost(monkeypatch: pytest.MonkeyPatch) -
     assert Lost in events(idle_link(), 0)
 
 
-def test_an_empty_event_leaves_alone_what_802_11_receives_and_its_answer() -> None:
+def addressed(field: Field, robot: int) -> list[tuple[int, int]]:
+    """Return from when to when frames of 802.11 for a *robot*, and its answers to them, are on the air.
+
+    Those are left out of which it misses the beginning, as it sends itself.
+    """
+    deaf = [each for each in field.sent() if (each.robot, each.radio) == (robot, BLE)]
+    rows = [row for row in field.rows("transmissions") if row["radio"] == WIFI]
+    ack = next(row["duration_ns"] for row in rows if row["kind"] == "ACK")
+    frames = [row for row in rows if row["kind"] == "DATA" and row["destination"] == robot]
+    starts = [(row["time_ns"] + DELAY, row["duration_ns"]) for row in frames]
+    heard = [each for each in starts if not any(own.start <= each[0] < own.end for own in deaf)]
+    return [(start, start + duration + SIFS + ack) for start, duration in heard]
+
+
+def beside(robots: tuple[int, int] | None, octets: int, wait: int, advertises: bool = False, **ble: Any) -> Field:
+    """Return a field: 0 has Low Energy, 1 both radios, and 2 802.11, by which it says so much to 1, after each *wait*.
+
+    The first of *robots*, if there are any, pages the second.
+    """
     link = {"interval_s": 0.0075, "supervision_s": 8.0}
-    field = Field([(0, 0), (3, 0)], None, {"connection": link, "advertise": {"interval_s": 0.02}}, {"rate_mbps": 2})
-    field.link(0, 1)
-    for number in range(400):
-        field.at(2 * S + number * 9_876_543, 0, Outgoing(1, bytes(1000), None, WIFI))
+    ble = {"connection": link, "advertise": {"interval_s": 0.02}, **ble}
+    field = Field([(0, 0), (3, 0), (0, 3)], [(BLE,), (BLE, WIFI), (WIFI,)], ble, {"rate_mbps": 2})
+    if robots is not None:
+        field.at(MS, robots[0], Page(robots[1]))
+    if not advertises:
+        field.at(2 * S - MS, 1, Scan(False))
+    for number in range(4 * S // wait):
+        field.at(2 * S + number * wait, 2, Outgoing(1, bytes(octets), None, WIFI))
+    return field
+
+
+@pytest.mark.parametrize("robots", [(0, 1), (1, 0)])
+@pytest.mark.parametrize(("octets", "wait"), [(1000, 9_876_543), (20, 1_010_101)])
+def test_an_empty_event_leaves_alone_what_802_11_receives_and_its_answer(
+    robots: tuple[int, int], octets: int, wait: int
+) -> None:
+    field = beside(robots, octets, wait)
     field.until(6 * S)
     field.close()
-    rows = field.rows("transmissions")
-    ack = next(row["duration_ns"] for row in rows if row["kind"] == "ACK")
-    low_energy = [each for each in field.sent() if each.radio == BLE and each.robot == 1 and each.start > 2 * S]
-    spans: list[tuple[int, int]] = []  # of packets that are no further apart than those of advertising
-    for each in low_energy:
-        if not spans or each.start - spans[-1][1] > 700 * US:
-            spans.append((each.start, each.end))
-        spans[-1] = spans[-1][0], each.end
-    frames = [row for row in rows if row["kind"] == "DATA" and row["radio"] == WIFI]
-    begun = 0
-    for frame in frames:
-        start, end = frame["time_ns"] + DELAY, frame["time_ns"] + frame["duration_ns"] + DELAY + 10 * US + ack
-        begun += sum(start <= since < end for since, _ in spans)
-    assert len(frames) >= 400
-    assert len(spans) > 300
-    assert begun == 0
+    own = [each for each in field.sent() if each.radio == BLE and each.robot == 1]
+    begins = np.array([each.start for each in own if each.start > 2 * S])
+    if robots[0] == 0:  # what it sends answers a packet, in T_IFS
+        begins -= 80 * US + T_IFS
+    assert len(begins) > 100
+    received = addressed(field, 1)
+    assert len(received) > 0.9 * 4 * S / wait
+    assert [span for span in received if np.any((begins > span[0]) & (begins < span[1]))] == []
+
+
+def test_requests_leave_alone_what_802_11_receives() -> None:
+    field = beside(None, 1000, 9_876_543, advertises=True, scan={"active": True})
+    for number in range(13):
+        at = 2 * S + number * 300 * MS
+        field.at(at, 1, Inquire(100 * MS, 1))
+        field.at(at + 100 * MS, 1, Page(0))
+        field.at(at + 230 * MS, 1, Disconnect(0))
+    field.until(6 * S)
+    field.close()
+    rows = [row for row in field.rows("transmissions") if row["radio"] == BLE and row["source"] == 1]
+    for kind in ("SCAN_REQ", "CONNECT_IND"):
+        asked = np.array([row["time_ns"] for row in rows if row["kind"] == kind]) - T_IFS
+        assert len(asked) > 5
+        assert [span for span in addressed(field, 1) if np.any((asked > span[0]) & (asked < span[1]))] == [], kind
+
+
+def test_who_receives_by_802_11_does_not_follow_a_payload_for_everyone() -> None:
+    """It does not advertise, and has no link: nothing else of it asks."""
+    field = beside(None, 1000, 6_543_210)
+    for number in range(100):
+        field.at(2 * S + number * 40 * MS, 0, Outgoing(BROADCAST, bytes(200)))
+    field.until(6 * S)
+    field.close()
+    assert field.got(1, BLE) > 50
+    assert len([row for row in field.deferred(BLE) if row["start_ns"] > 2 * S]) > 20
+    assert across(field.received(), field.sent()) == 0
 
 
 def test_data_of_a_link_goes_before_a_frame_that_has_not_begun() -> None:
