@@ -105,12 +105,6 @@ class Beacon:
             self.advertiser = None
             self.changed(now)
 
-    def silent(self, since: Time, until: Time) -> bool:
-        """Return whether no packet of it begins in [since, until), for all that is known."""
-        if self._ended and self._ended[-1][1] > since:
-            return False
-        return self.begins_after(since - 1) >= until
-
     @property
     def runs(self) -> list[tuple[Advertiser, Time, Time]]:
         """Its advertisers of late, each with the instants since when and up to when it begins packets."""
@@ -237,8 +231,7 @@ class Beacons:
         """Yield what they send in [since, until), device by device."""
         if since < self._changed or self.begins_after(since - 1) < until:
             for beacon in self._beacons:
-                if not beacon.silent(since, until):
-                    yield from beacon.packets(since, until)
+                yield from beacon.packets(since, until)
 
 
 _KEPT: Final = 64

@@ -349,10 +349,9 @@ class Device:
             return
         here = self._ether.was_on(peer.address, request.start) and peer.beacon.advertiser is not None
         here = here and peer.antenna.booked_until(request.start, request.end) is None
-        judgement = self._ether.judge(request, peer.address)
         if self._record.wanted:
             self._record.sent(request, True)
-            self._record.judged(request, peer.address, judgement)
+        judgement = site.environment.judged(request, peer.address)
         heard = here and judgement.reception is Reception.HEARD and self.address not in site.devices[peer.address].links
         self._over()
         session = self._session(peer, ll_data, first, part, heard)

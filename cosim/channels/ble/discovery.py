@@ -49,6 +49,7 @@ class Requests:
         answered: Callable[[Station, Sent], None],
     ) -> None:
         """*draws* is the stream of its back-off."""
+        self._environment = environment
         self._kernel, self._ether, _, self._record = environment
         self._station = station
         self._backoff = Backoff(draws)
@@ -109,11 +110,9 @@ class Requests:
             self._answered(peer, response)
 
     def _heard(self, packet: Sent, receiver: Station) -> bool:
-        judgement = self._ether.judge(packet, receiver.address)
         if self._record.wanted:
             self._record.sent(packet, self._ether.was_on(packet.source, packet.start))
-            self._record.judged(packet, receiver.address, judgement)
-        return judgement.reception is Reception.HEARD
+        return self._environment.judged(packet, receiver.address).reception is Reception.HEARD
 
     def end(self) -> None:
         """Ask for nothing more: an answer that is on its way comes too late."""
@@ -134,6 +133,7 @@ class Search:
         wanted: Callable[[Address], bool],
         heard: Callable[[Station, Sent], None],
     ) -> None:
+        self._environment = environment
         self._kernel, self._ether, _, self._record = environment
         self._station, self._peers = station, peers
         self._wanted, self._heard = wanted, heard
@@ -183,13 +183,10 @@ class Search:
         packet = peer.beacon.packet(pdu.channel, pdu.start)
         sent = peer.beacon.sends(advertiser, advertiser.event_from(pdu.start))
         if sent and self._station.is_free(pdu.start, pdu.end):
-            judgement = self._ether.judge(packet, self._station.address)
-            if self._record.wanted:
-                if peer.beacon.written < packet.start:
-                    peer.beacon.written = packet.start
-                    self._record.sent(packet, True)
-                self._record.judged(packet, self._station.address, judgement)
-            if judgement.reception is Reception.HEARD:
+            if self._record.wanted and peer.beacon.written < packet.start:
+                peer.beacon.written = packet.start
+                self._record.sent(packet, True)
+            if self._environment.judged(packet, self._station.address).reception is Reception.HEARD:
                 self._heard(peer, packet)
         if self._next is not None:  # it has not been ended
             self._consider(peer)

@@ -141,9 +141,9 @@ class Events(ABC):
         again = [antenna.booked_until(now, end), station.beacon.taken_until(now, now + 1)]
         if now < self._due and (taken := antenna.taken_until(now, end)) is not None:
             again.append(min(taken, self._due))
-        if not any(again):
-            again = [antenna.refused_until(now, now, end, Rank.DATA)]
         waits = [each for each in again if each is not None]
+        if not waits and (refused := antenna.refused_until(now, now, end, Rank.DATA)) is not None:
+            waits = [refused]
         if waits:
             self._tries += 1
             late = self.speaker.draws.below(_LONGEST_WAIT, self._number << 8 | self._event, self._tries, _WAIT)
@@ -199,13 +199,6 @@ class Events(ABC):
             if listener is self.speaker.station or listener.address in but:
                 continue
             if listener.listens(packet.channel, packet.start, packet.end):
-                judgement = self.judged(packet, listener.address)
+                judgement = self.speaker.environment.judged(packet, listener.address)
                 if judgement.reception is Reception.HEARD:
                     yield listener, judgement
-
-    def judged(self, packet: Sent, receiver: Address) -> Judgement:
-        """Return, and write into the tables, what a *receiver* that has listened to all of *packet* makes of it."""
-        judgement = self._ether.judge(packet, receiver)
-        if self._record.wanted:
-            self._record.judged(packet, receiver, judgement)
-        return judgement

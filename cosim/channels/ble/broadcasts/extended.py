@@ -5,21 +5,19 @@ payload, on a channel that is drawn; what is longer than a packet goes on in AUX
 the three follows; whoever has the payload does not follow again, as AdvDataInfo tells.
 """
 
-from collections.abc import Callable
 from typing import Final
 
 from cosim.channels.air.arbitration import Rank
 from cosim.channels.ble.beacon import device_address
 from cosim.channels.ble.bits.pdu import OFFSET_UNITS, AuxiliaryPhy, AuxPtr, DataInfo, Extended, encode_advertising
-from cosim.channels.ble.broadcasts.events import Speaker, Step
+from cosim.channels.ble.broadcasts.events import Step
 from cosim.channels.ble.broadcasts.sets import PayloadSet
 from cosim.channels.ble.broadcasts.structures import OVERHEAD, structure
 from cosim.channels.ble.channels import ADVERTISING, DATA_CHANNELS
 from cosim.channels.ble.connections.exchange import Reception
 from cosim.channels.ble.packets import Sent
 from cosim.channels.ble.phy import CODED_S8, HEADER_OCTETS, LE_1M, LE_2M, T_IFS, T_MAFS, Phy
-from cosim.channels.ble.settings import BroadcastSettings
-from cosim.machine import Address, Outgoing
+from cosim.machine import Address
 from cosim.units import Time
 
 MOST_DATA: Final = 1650
@@ -47,19 +45,8 @@ def pieces(payload: bytes) -> list[bytes]:
 class ExtendedSet(PayloadSet):
     """A payload by extended advertising."""
 
-    def __init__(
-        self,
-        speaker: Speaker,
-        outgoing: Outgoing,
-        number: int,
-        settings: BroadcastSettings,
-        finished: Callable[[PayloadSet], None],
-    ) -> None:
-        """*number* counts the speaker's sets."""
-        super().__init__(speaker, outgoing, number, settings, finished)
-        self._info = DataInfo(number // 16 % 4096, number % 16)
-        self._phy, self._auxiliary_phy = _AUXILIARY[settings.phy]
-        self._follow: set[Address] = set()
+    _follow: set[Address]
+    """Who follows in the event under way."""
 
     def begun(self) -> None:
         """Have nobody follow yet."""
@@ -84,9 +71,8 @@ class ExtendedSet(PayloadSet):
         begin, end = self._start + self._steps[len(ADVERTISING)].after, self._start + self.duration
         for listener, _ in self.heard_by(packet, self._got | self._follow):
             now, antenna = self._kernel.now, listener.antenna
-            if antenna.taken_until(begin, end) is not None:
-                continue
-            if antenna.refused_until(now, begin, end, Rank.DATA) is None:
+            free = antenna.taken_until(begin, end) is None
+            if free and antenna.refused_until(now, begin, end, Rank.DATA) is None:
                 self._follow.add(listener.address)
                 antenna.book(begin, end, self, now)
 
@@ -96,7 +82,7 @@ class ExtendedSet(PayloadSet):
             listener = self.speaker.stations[address]
             here = self._ether.was_on(address, packet.start)
             here = here and listener.antenna.booked_until(packet.start, packet.end, self) is None
-            judgement = self.judged(packet, address) if here else None
+            judgement = self.speaker.environment.judged(packet, address) if here else None
             if judgement is None or judgement.reception is not Reception.HEARD:
                 self._follow.remove(address)
             elif last:
@@ -123,6 +109,14 @@ class ExtendedSet(PayloadSet):
             at += self._to_next(len(step.pdu))
         return steps
 
+    @property
+    def _info(self) -> DataInfo:
+        return DataInfo(self._number // 16 % 4096, self._number % 16)
+
+    @property
+    def _phy(self) -> Phy:
+        return _AUXILIARY[self._settings.phy][0]
+
     def _pointer(self, channel: int, offset: Time) -> bytes:
         """Return an ADV_EXT_IND that points to the packet on *channel*, *offset* after its own beginning."""
         return encode_advertising(Extended(data_info=self._info, aux=self._aux(channel, offset, OFFSET_UNITS[0])))
@@ -139,7 +133,7 @@ class ExtendedSet(PayloadSet):
         return Step(at, kind, channels[turn], self._phy, encode_advertising(pdu), len(part) - OVERHEAD)
 
     def _aux(self, channel: int, offset: Time, unit: Time) -> AuxPtr:
-        return AuxPtr(channel, offset // unit * unit, self._auxiliary_phy)
+        return AuxPtr(channel, offset // unit * unit, _AUXILIARY[self._settings.phy][1])
 
     def _to_next(self, octets: int) -> Time:
         """Return the time from the start of an auxiliary packet, whose PDU has so many octets, to that of the next."""

@@ -27,6 +27,7 @@ class PayloadSet(Events):
         """*number* counts the speaker's sets."""
         super().__init__(speaker, number, settings.events, settings.interval)
         self.outgoing = outgoing
+        self._settings = settings
         self._finished = finished
         self._got: set[Address] = set()
 
