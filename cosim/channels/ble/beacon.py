@@ -82,6 +82,8 @@ class Beacon:
         """An instant, and the first after it at which a packet is due."""
         self._left_out: deque[Time] = deque(maxlen=_KEPT)
         """Begins of the last events that it has left out, as another radio of the robot had the air."""
+        self._requested: tuple[Time, Time] = (0, 0)
+        """From when to when the last request to connect to it is on the air."""
         self._ended: list[tuple[Advertiser, Time]] = []  # (advertiser, when it stopped)
         self.changed: Callable[[Time], None] = lambda now: None
         """Called with the instant at which it begins or ends."""
@@ -121,6 +123,17 @@ class Beacon:
         """Return whether it sends *event*: nothing else takes the antenna, for all that is known as it begins."""
         begin, end = self.span(advertiser, event)
         return begin not in self._left_out and self._antenna.taken_until(begin, end, begin) is None
+
+    def request(self, start: Time, end: Time) -> None:
+        """Hear a request to connect in [start, end): no packet begins meanwhile.
+
+        There is room for a request between its packets, but not for a sender's clock that is slower than its own.
+        """
+        self._requested = start, end
+
+    def hears(self, start: Time) -> bool:
+        """Return whether a packet that is due at *start* is not sent, as a request to connect is on the air."""
+        return self._requested[0] <= start < self._requested[1]
 
     def leave_out(self, begin: Time) -> None:
         """Do not send the event that begins now, at *begin*."""
@@ -173,7 +186,7 @@ class Beacon:
             if self.sends(advertiser, event):
                 for turn, channel in enumerate(advertiser.channels):
                     start = advertiser.start(event, turn)
-                    if since <= start < min(until, over):
+                    if since <= start < min(until, over) and not self.hears(start):
                         yield self.packet(channel, start)
 
 

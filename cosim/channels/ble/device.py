@@ -308,6 +308,7 @@ class Device:
         self.station.antenna.listens(packet.end, start, LE_1M)
         self.station.antenna.sends(request)
         peer.antenna.listens(start, request.end, LE_1M)
+        peer.beacon.request(start, request.end)
         self._procedure_stops()
         self._kernel.at(request.end, lambda: self._requested(peer, request, ll_data, first, part))
 

@@ -181,7 +181,7 @@ class Search:
         _, peer, pdu, advertiser = candidate
         self._since[peer.address] = pdu.start + 1
         packet = peer.beacon.packet(pdu.channel, pdu.start)
-        sent = peer.beacon.sends(advertiser, advertiser.event_from(pdu.start))
+        sent = peer.beacon.sends(advertiser, advertiser.event_from(pdu.start)) and not peer.beacon.hears(pdu.start)
         if sent and self._station.is_free(pdu.start, pdu.end):
             if self._record.wanted and peer.beacon.written < packet.start:
                 peer.beacon.written = packet.start

@@ -5,6 +5,7 @@ Low Energy puts advertising on the air that is in no table: what it tells the ai
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -171,6 +172,16 @@ def test_a_robots_radios_never_send_at_once(seed: int) -> None:
         begin, end = row["time_ns"], row["time_ns"] + row["duration_ns"] + row["reserves_ns"]
         assert not any(begin < each.start < end for each in sent if (each.robot, each.radio) == (row["source"], BLE))
     assert sum(field.channel.summary()[f"radio_{radio}_refused"] for radio in (BLE, WIFI)) > 50
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_low_energy_radio_never_sends_two_packets_at_once(seed: int) -> None:
+    """In seed 1 an advertiser's clock is 8 ns faster in an event than that of who asks to connect."""
+    sent = [each for each in busy(seed).sent() if each.radio == BLE]
+    assert len(sent) > 1000
+    for robot in {each.robot for each in sent}:
+        own = [each for each in sent if each.robot == robot]
+        assert all(before.end <= after.start for before, after in pairwise(own))
 
 
 @pytest.mark.parametrize("seed", range(5))
