@@ -12,6 +12,7 @@ import click
 import pytest
 
 from cosim.cli import commands
+from cosim.experiment import experiment_folders
 from tests.checkout import ROOT
 from tests.fresh import blocks
 from tests.handbook import EXECUTED, PAGES_READ, PageError, Reader, furnish, left_out, title
@@ -113,8 +114,9 @@ def test_the_page_on_validation_has_the_numbers_of_cases_and_rows() -> None:
     page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
     told = dict(re.findall(r"^\| `(\w+)` \| (\d+) \|", page, re.MULTILINE))
     assert len(told) > 20
+    folders = experiment_folders()
     for name, count in told.items():
-        with (ROOT / "experiments" / name / "published.csv").open(encoding="utf-8") as lines:
+        with (folders[name] / "published.csv").open(encoding="utf-8") as lines:
             assert int(count) == sum(1 for _ in csv.DictReader(lines)), name
     for name, counts in re.findall(r"\| (\d+), 10 000 \| `(\S+)`", page):
         assert f"\nDEFAULT = {name}\n" in (ROOT / counts).read_text(encoding="utf-8")

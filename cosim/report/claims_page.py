@@ -186,7 +186,13 @@ def _runs(rows: Sequence[Row], folder: Path, varied: bool) -> str:
     of = f", of {' or '.join(map(str, sizes))} replicates" if sizes else ""
     missing = not varied and (folder / "alternatives.yaml").is_file()
     other = " Verdicts by other choices (`alternatives.yaml`) are not kept yet." if missing else ""
-    return f"{told}{of}; choices and reasons are in `experiments/{rows[0].experiment}/README.md`.{other}"
+    return f"{told}{of}; choices and reasons are in `{_place_of(folder)}/README.md`.{other}"
+
+
+def _place_of(folder: Path) -> str:
+    """Return the path of the *folder* of an experiment within the project."""
+    since = max((number for number, part in enumerate(folder.parts) if part == "experiments"), default=-1)
+    return "/".join(folder.parts[since:])
 
 
 def _place(claim: Claim) -> str:

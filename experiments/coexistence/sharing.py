@@ -7,7 +7,7 @@ none. What is counted is what became of the packets with payload, of their answe
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -38,7 +38,11 @@ PERIODS: Final = {"bluetooth": 5 * MS, "ble": 7_500 * US}
 PAUSE: Final[Time] = 3 * MS
 """Time between packets of a central that are of one event at most."""
 CONNECTING: Final[Time] = 40 * S
-"""Time for all links to be made."""
+"""Time for all links to be made, if they are few."""
+MAKING: Final[Time] = 2_500 * MS
+"""Time for a link to be made, if they are many: one follows the other."""
+_STAMP: Final = 8
+"""Octets of a payload that say when it was handed over."""
 LOSS_AT_1_M_DB: Final = 40.2
 CARRIER_TO_INTERFERENCE_DB: Final = 11.0
 """What a signal of Bluetooth needs."""
@@ -60,7 +64,7 @@ class Parameters(Settings):
     packet: Literal["short", "long"] = Field(
         default="short", description="packets of the links: DH1 or 27 octets, DH5 or 251 octets"
     )
-    links: Count = Field(default=1, ge=0, le=20, description="number of links, each with a master of its own")
+    links: Count = Field(default=1, ge=0, le=40, description="number of links, each with a master of its own")
     afh: bool = Field(default=False, description="whether masters of Bluetooth leave out bad channels")
     load: Gain = Field(default=0.5, ge=0, le=1, description="share of the time in which the station means to send")
     phy: Literal["dsss", "erp"] = Field(default="dsss", description="physical layer of the station")
@@ -69,8 +73,28 @@ class Parameters(Settings):
     link_m: Metres = Field(default=10, gt=0, description="m from the masters to the slaves")
     station_m: Metres = Field(default=14, gt=0, description="m from the slaves to the station, away from the masters")
     hearer_m: Metres = Field(default=1, description="m from the station to who receives it, away from the links")
+    aside_m: Metres = Field(default=0, description="m from the line of all these to who receives the station")
     warming_s: Seconds = Field(default=0, ge=0, description="s in which both send before anything is counted")
     duration_s: Seconds = Field(default=10, gt=0, description="s that are counted")
+
+
+class Layout(NamedTuple):
+    """Who is where, with which radios."""
+
+    places: list[tuple[float, float]]
+    carried: list[tuple[int, ...]]
+    masters: list[Address]
+    """Each one's slave is next."""
+    station: Address
+    """Who receives it is next."""
+
+
+def along_a_line(given: Parameters) -> Layout:
+    """Return the links, all between the same two places, and the station beyond the slaves."""
+    links, ends = given.links, -given.station_m - given.hearer_m
+    pair, stations = [(given.link_m, 0.0), (0.0, 0.0)], [(-given.station_m, 0.0), (ends, given.aside_m)]
+    carried: list[tuple[int, ...]] = [*[(NARROW,)] * (2 * links), *[(WIDE,)] * 2]
+    return Layout(pair * links + stations, carried, [*range(0, 2 * links, 2)], 2 * links)
 
 
 class Host:
@@ -78,11 +102,15 @@ class Host:
 
     def __init__(self) -> None:
         self.connected = False
+        self.delays: list[Time] = []
+        """Times from when payloads of a link were handed over to when they were received here."""
         self.over: Callable[[], None] = lambda: None
         """Called when a payload is over."""
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a payload."""
+        """Take a payload, and note how long one of a link took."""
+        if reception.radio == NARROW:
+            self.delays.append(now - int.from_bytes(data[:_STAMP], "big"))
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Note a link, and go on after a payload."""
@@ -95,40 +123,39 @@ class Host:
 
 
 class Sharing:
-    """One run."""
+    """One run, of robots as *layout* has them, in an air with such settings."""
 
-    def __init__(self, given: Parameters, seed: int) -> None:
+    def __init__(self, given: Parameters, seed: int, layout: Layout, **air: Any) -> None:
         self.given = given
         self.kernel = Kernel()
         self.trace = Trace(with_radio((TRANSMISSIONS, RECEPTIONS)))
-        self.masters = list(range(0, 2 * given.links, 2))
-        self.station, size = 2 * given.links, 2 * given.links + 2
+        self.masters, self.station, size = layout.masters, layout.station, len(layout.places)
         self._random = Streams(seed)("coexistence")
         none: tuple[None, ...] = (None,) * size
         grid = segment_grid(np.empty((0, 4)))
-        carried = [(NARROW,)] * (size - 2) + [(WIDE,)] * 2
         site = ChannelSite(
             *(self.kernel, self.trace, Streams(seed), size, grid, np.empty(0), packed_walls(grid)),
-            *(carried, none, none, none),
+            *(layout.carried, none, none, none),
         )
-        self.settings = RadiosSettings.model_validate({"air": "shared", "radios": [_narrow(given), _wide(given)]})
+        radios = [_narrow(given), _wide(given)]
+        self.settings = RadiosSettings.model_validate({"air": "shared", "radios": radios, **air})
         self.channel = SPEC.make(self.settings, site)
         self.hosts = [Host() for _ in range(size)]
         for address, host in enumerate(self.hosts):
             self.channel.attach(address, host)
-        pair = [(given.link_m, 0.0), (0.0, 0.0)]
-        ends = [(-given.station_m, 0.0), (-given.station_m - given.hearer_m, 0.0)]
-        self.channel.moved(np.array(pair * given.links + ends))
+        self.channel.moved(np.array(layout.places))
 
     def connect(self) -> None:
         """Make all links, and have nobody look for others any more."""
+        made = max(CONNECTING, len(self.masters) * MAKING)
         for master in self.masters:
             self.channel.command(master, Page(master + 1))
-            while not self.hosts[master].connected and self.kernel.now < CONNECTING:
+            while not self.hosts[master].connected and self.kernel.now < made:
                 self.kernel.run(self.kernel.now + S)
-        for address in range(self.station):
-            self.channel.command(address, Scan(False))
-        self.kernel.run(CONNECTING)
+        for master in self.masters:
+            self.channel.command(master, Scan(False))
+            self.channel.command(master + 1, Scan(False))
+        self.kernel.run(made)
 
     def run(self) -> tuple[Time, Time]:
         """Have all send; return from when to when it counts."""
@@ -151,9 +178,10 @@ class Sharing:
 
     def _repeat(self, master: Address, at: Time, period: Time) -> None:
         octets = {("bluetooth", "short"): 27, ("bluetooth", "long"): 339, ("ble", "short"): 20, ("ble", "long"): 244}
-        payload = bytes(octets[self.given.narrow, self.given.packet])
+        rest = bytes(octets[self.given.narrow, self.given.packet] - _STAMP)
 
         def send() -> None:
+            payload = self.kernel.now.to_bytes(_STAMP, "big") + rest
             self.channel.send(master, Outgoing(master + 1, payload, radio=NARROW))
 
         def begin() -> None:
@@ -203,7 +231,7 @@ def _wide(given: Parameters) -> dict[str, Any]:
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Return what was lost in one run, beside what the station's frames let expect."""
     given = Parameters.model_validate(parameters)
-    run = Sharing(given, seed)
+    run = Sharing(given, seed, along_a_line(given))
     run.connect()
     told = Told(run, *run.run())
     return {
@@ -289,15 +317,24 @@ class Told:
             "wide_mbps": 8e-6 * self._run.given.octets * right / seconds,
         }
 
-    def share_hit(self) -> float:
-        """Return the chance that a packet at a random time overlaps a frame of the station: it lies in no pause."""
+    def share_hit(self, lasts: Time | None = None) -> float:
+        """Return the chance that a packet at a random time overlaps a frame of the station: it lies in no pause.
+
+        It *lasts* as long as one of a link with payload, unless another time is given.
+        """
         sent = self._chosen(self._sent, WIDE, source=self._run.station)
         if not sent.any():
             return 0.0
-        begins, lasts = self._sent["time_ns"][sent], self._sent["duration_ns"][sent]
-        pauses = begins[1:] - (begins + lasts)[:-1]
-        free = np.maximum(0, pauses - packet_time(self._run.given)).sum()
+        begins, ends = self._sent["time_ns"][sent], (self._sent["time_ns"] + self._sent["duration_ns"])[sent]
+        least = packet_time(self._run.given) if lasts is None else lasts
+        free = np.maximum(0, begins[1:] - ends[:-1] - least).sum()
         return float(1.0 - free / (begins[-1] - begins[0]))
+
+    def met(self) -> float:
+        """Return how many packets of one other link, on any channel, a packet at a random time overlaps on average."""
+        sent = self._chosen(self._sent, NARROW)
+        links, time = len(self._run.masters), self._until - self._since
+        return float((self._sent["duration_ns"][sent] + packet_time(self._run.given)).sum()) / (links * time)
 
 
 def packet_time(given: Parameters) -> Time:
