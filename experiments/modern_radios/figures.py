@@ -24,12 +24,12 @@ def _arm(task: Task, radio: Radio, air: str = "alone") -> Arm:
 
 
 def costs_little(task: Task, radio: Radio, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether a task over a radio, alone on the air, takes less than ``SLIGHT`` times as long as at once."""
+    """Return how many times as long a task takes over a radio, alone on the air, as with messages at once."""
     return less_censored(runs, [("", _arm(task, radio), _arm(task, "ideal"))], "time_s", SLIGHT, ended="done")
 
 
 def undisturbed(task: Task, radio: Radio, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether a task over a radio with others on the air takes less than ``SLIGHT`` times as long as alone."""
+    """Return how many times as long a task takes over a radio with others on the air as alone."""
     return less_censored(runs, [("", _arm(task, radio, "others"), _arm(task, radio))], "time_s", SLIGHT, ended="done")
 
 
