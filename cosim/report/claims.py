@@ -206,10 +206,10 @@ def _answered(claim: Claim, ours: object, holds: bool | None, about: str) -> Ver
 
 
 def _told(figures: ModuleType | None, function: str) -> str:
-    """Return the first sentence of the docstring of a *function* in *figures*, or nothing."""
+    """Return the first sentence of the docstring of a *function* in *figures*, without its verb, or nothing."""
     found = getattr(figures, function)
     text = getattr(found, "func", found).__doc__ or ""  # of what a functools.partial calls
-    return " ".join(text.split("\n\n")[0].split()).rstrip(".").removeprefix("Return ")
+    return " ".join(text.split("\n\n")[0].split()).rstrip(".").removeprefix("Return ").removeprefix("Answer ")
 
 
 def _rows(frame: pd.DataFrame, claim: Claim) -> pd.DataFrame | None:

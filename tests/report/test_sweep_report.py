@@ -394,7 +394,7 @@ CALM = [row | {"delay_s": 2.4 + 0.05 * (row["seed"] - 2), "late": row["seed"] > 
         ({"quantity": "seed", "published": "3"}, "8 of the 12 values are not 3"),
         ({"where": "size == 8"}, "no run has a value of delay_s where size == 8"),
         ({"test": "not comparable: theirs had wheels"}, "theirs had wheels"),
-        ({"test": "decide"}, "decide in figures.py finds that it holds: Answer whether it is so"),
+        ({"test": "decide"}, "decide in figures.py finds that it holds: whether it is so"),
         ({"test": "refuse"}, "refuse in figures.py finds that it does not hold"),
         ({"test": "leave"}, "leave in figures.py leaves it open"),
         ({"test": "seek"}, "seek in figures.py finds no runs that it is about"),
