@@ -153,6 +153,14 @@ class BroadcastSettings(AdvertiseSettings):
             raise error_at(("phy",), self.phy, f"is not 1M, as of all advertising by {self.by}")
         return self
 
+    @model_validator(mode="after")
+    def _speaks_of_its_own(self) -> Self:
+        """Refuse what a mesh has words of its own for."""
+        for name in ("events", "interval_s") if self.by == "mesh" else ():
+            if (value := getattr(self, name)) != type(self).model_fields[name].default:
+                raise error_at((name,), value, "is not for mesh, which has network_transmits and network_interval_s")
+        return self
+
 
 class ConnectionSettings(Settings):
     """The links of a central, all alike."""

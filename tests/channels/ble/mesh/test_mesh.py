@@ -104,6 +104,8 @@ def test_no_wrong_settings_are_taken() -> None:
         ({"by": "mesh", "mesh": {"cache": 1}}, "cache"),
         ({"by": "mesh", "mesh": {"relay_buffers": 0}}, "relay_buffers"),
         ({"by": "flood"}, "by"),
+        ({"by": "mesh", "events": 4}, "is not for mesh, which has network_transmits and network_interval_s"),
+        ({"by": "mesh", "interval_s": 0.03}, "is not for mesh, which has network_transmits and network_interval_s"),
     ):
         with pytest.raises(ValidationError, match=told):
             BleSettings(broadcast=broadcast)
@@ -139,11 +141,11 @@ def test_a_legacy_event_is_three_packets_with_the_payload() -> None:
 @pytest.mark.parametrize("by", ["legacy", "mesh"])
 def test_who_listens_seldom_hears_as_seldom(by: str) -> None:
     """One event of three packets within 1.5 ms meets a window of the interval's hundredth, on one of its channels."""
-    mesh = {"network_transmits": 1, "relay": False}
+    once: dict[str, Any] = {"legacy": {"events": 1}, "mesh": {"mesh": {"network_transmits": 1, "relay": False}}}
     field = Field(
         2,
         listen={"interval_s": 0.5, "window_s": 0.005},
-        broadcast={"by": by, "events": 1, "mesh": mesh},
+        broadcast={"by": by, **once[by]},
         advertise={"interval_s": 10},
     )
     count = 2_000
