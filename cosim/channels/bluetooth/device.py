@@ -137,7 +137,7 @@ class BluetoothChannel(Channel):
         """Count what radios use; return courses that tell the meter of what devices do."""
         self._meter = Meter(self.air, lambda now: courses.tell(now), self._parked)
         courses = Courses(self.intervals, self._meter.listened)
-        self.air.measure(self._meter)
+        self.air.meter = self._meter
         self.accounts = Accounts("states", self._uses, powers_dbm)
         return courses
 

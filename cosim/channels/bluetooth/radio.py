@@ -34,7 +34,7 @@ from cosim.channels.bluetooth.polling import (
     USED,
     WORD,
 )
-from cosim.channels.bluetooth.reporting.metering import Meter
+from cosim.channels.bluetooth.reporting.metering import LOG_ROWS, Meter
 from cosim.channels.bluetooth.reporting.tenancy import Tenancy
 from cosim.channels.clock import NativeClock, start_of
 from cosim.channels.courses import Courses
@@ -58,7 +58,6 @@ FOREVER: Final[Time] = 1 << 61
 _NOTHING_DBM: Final = float("-inf")
 _NO_LOG: Final = np.empty((0, LOG_FIELDS), dtype=np.int64)
 _NO_POWERS: Final = np.empty((0, LOG_POWERS))
-_LOG_ROWS: Final = 4096
 
 
 class Heard(StrEnum):
@@ -272,30 +271,30 @@ class Air:
             elif self._alone and self.meter is None:
                 bands.run_alone(*self.band, self.noise, self.adapted, self._master, now, last_end, None)
             elif self._alone:
-                self._log_alone(self._master, now, last_end)
+                self._log_alone(self._master, now, last_end, self.meter.log)
         if now >= self._closing:
             self._forget_trains(now)
 
     def _advance_together(self, now: Time, last_end: Time) -> None:
         self._put_sent()
         self._others = max(self._others, now + LONGEST_FRAME)
-        more = True
+        log, more = self._log if self.meter is None else self.meter.log, True
         while more:
             state = self.band, self.medium, self.noise, self._foreign, self.adapted
-            count = int(bands.advance(*state, now, last_end, self._log, self._powers))
-            more = count > len(self._log)
+            count = int(bands.advance(*state, now, last_end, log, self._powers))
+            more = count > len(log)
             if count:
-                self._report(count)
+                self._report(log[:count])
             if self.neighbours is not None and self.neighbours.tell_begun():
                 more = True
 
-    def _log_alone(self, master: Address, now: Time, last_end: Time) -> None:
+    def _log_alone(self, master: Address, now: Time, last_end: Time, log: Int64s) -> None:
         more = True
         while more:
-            count = bands.run_alone(*self.band, self.noise, self.adapted, master, now, last_end, self._log)
-            more = count > len(self._log)
+            count = bands.run_alone(*self.band, self.noise, self.adapted, master, now, last_end, log)
+            more = count > len(log)
             if count:
-                self._report(count)
+                self._report(log[:count])
 
     @property
     def _foreign(self) -> Foreign | None:
@@ -303,9 +302,9 @@ class Air:
         neighbours = self.neighbours
         return self._jammers if neighbours is None else neighbours.heard(self._jammers)
 
-    def _report(self, count: int) -> None:
-        """Report the idle frames of *count* rows of the log, or of all if it was too short."""
-        log, powers = self._log[:count], self._powers[:count]
+    def _report(self, log: Int64s) -> None:
+        """Report the idle frames of these rows of the log, and of as many of the powers."""
+        powers = self._powers[: len(log)]
         if self.meter is not None:
             self.meter.take(log)
         if not self._idle:
@@ -318,14 +317,8 @@ class Air:
     def report_idle(self, master: Address, report: IdleFrame) -> None:
         """Call *report* with every idle POLL and NULL of the piconet of *master* from now on."""
         self._idle[master] = report
-        self._log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
-        self._powers = _NO_POWERS if self._arrived is None else np.empty((_LOG_ROWS, LOG_POWERS))
-
-    def measure(self, meter: Meter) -> None:
-        """Have *meter* take what devices do."""
-        self.meter = meter
-        if not len(self._log):
-            self._log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
+        self._log = np.empty((LOG_ROWS, LOG_FIELDS), dtype=np.int64)
+        self._powers = _NO_POWERS if self._arrived is None else np.empty((LOG_ROWS, LOG_POWERS))
 
     def changed(self, now: Time) -> None:
         """Note that devices have begun or ended to send or to listen; all piconets must be advanced to *now* before."""

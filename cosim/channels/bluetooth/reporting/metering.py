@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from cosim.arrays import Int64s
 from cosim.channels.bluetooth import polling
-from cosim.channels.bluetooth.band import Band
+from cosim.channels.bluetooth.band import LOG_FIELDS, Band
 from cosim.channels.bluetooth.medium import GAPS, OUT_OF_RANGE, Medium
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import EVERYONE, HERE, JOINED, NOTHING, SLAVE
@@ -41,6 +41,8 @@ from cosim.channels.energy import IDLE, OFF, RECEIVE, SLEEP, TRANSMIT, Use, Uses
 from cosim.machine import Address
 from cosim.units import MS, S, Time
 
+LOG_ROWS: Final = 4096
+"""Number of idle packets that are logged at once."""
 _AT_ONCE: Final[Time] = 10 * S
 """Longest time that is counted at once."""
 _LATE: Final[Time] = 4 * MS
@@ -181,6 +183,8 @@ class Meter:
 
     def __init__(self, air: OnAir, tell: Callable[[Time], None], parked: Callable[[], Iterable[Parked]]) -> None:
         """*tell* has :meth:`listened` called with all that is over at an instant; *parked* returns who is parked."""
+        self.log: Int64s = np.empty((LOG_ROWS, LOG_FIELDS), dtype=np.int64)
+        """The log of ``band``."""
         self._air = air
         self._tell = tell
         self._parked = parked
