@@ -191,8 +191,6 @@ class Slots:
         reply = self._send(tick, kind, duration, pair.slave, self.address, pair.k, answer, pair.tick)
         if self._air.meter is not None:
             self._air.meter.answered(pair.slave, reply.start, self.clock.time_of(tick + 2 * kind.slots))
-            if pair.up_dbm >= self._air.least_dbm:
-                self._air.meter.received(self.address, reply.start, reply.start + duration)
         if pair.noted:
             self._air.latest.append(reply)
         self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
@@ -202,6 +200,8 @@ class Slots:
         links, k, answer = self.links, pair.k, pair.answer
         held = bool(links.table[HELD, k])
         fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
+        if self._air.meter is not None and fate.judged:
+            self._air.meter.received(self.address, frame.start, self._kernel.now)
         if pair.noted:
             self._record(frame, answer)
             self._air.record(frame, fate, pair.up_dbm)

@@ -1,6 +1,6 @@
 """What Bluetooth radios do, ns by ns: against a plain model that has the tables of a run, and closed forms."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
@@ -20,7 +20,6 @@ from cosim.kernel import WORLD
 from cosim.machine import (
     BROADCAST,
     Address,
-    Connected,
     Disconnect,
     Hold,
     Inquire,
@@ -39,6 +38,7 @@ from cosim.units import MS, SLOT, US, S, Time
 from tests.channels.air.shared_field import SharedField
 from tests.channels.bluetooth.bluetooth_world import World
 from tests.oracles.campaign import Choice, Seeded, chance, pick
+from tests.tiers import soak_count
 
 TABLES = (INTERVALS, TRANSMISSIONS, RECEPTIONS)
 ID, POLL = 68 * US, 126 * US
@@ -266,20 +266,20 @@ def settings_of(choice: Choice) -> dict[str, Any]:
     }
 
 
-def wish_of(choice: Choice, device: Address) -> LinkCommand | Outgoing:
-    """Draw what a host asks for: it need not be possible."""
+def wish_of(choice: Choice, device: Address, parks: bool) -> LinkCommand | Outgoing:
+    """Draw what a host asks for: it need not be possible. Who *parks* does not divide its time."""
     peer = (device + choice.integer(1, SIZE - 1)) % SIZE
+    parts = ((), PARTS, PARTS[:1], ((device, 3, 40), (peer, 43, 20)))
     wishes: tuple[Callable[[], LinkCommand | Outgoing], ...] = (
         *(3 * (lambda: Page(peer),)),
         lambda: Inquire(choice.integer(1, 600) * MS, 3),
         lambda: Scan(not chance(choice, 4)),
         lambda: Hold(peer, choice.integer(1, 400)),
         lambda: Sniff(peer, *pick(choice, ((40, 4, 8), (100, 0, 2), (200, 30, 20), (0, 0, 0)))),
-        lambda: Park(peer),
+        lambda: Park(peer) if parks else Share(64, pick(choice, parts), choice.integer(0, SIZE - 1)),
         lambda: Unpark(peer),
         lambda: SwitchRole(peer),
         lambda: Disconnect(peer),
-        lambda: Share(64, pick(choice, ((), PARTS, PARTS[:1], ((device, 3, 40), (peer, 43, 20)))), choice.integer(0, 3)),
         *(6 * (lambda: Outgoing(pick(choice, (peer, peer, BROADCAST)), bytes(choice.integer(1, 300))),)),
     )
     return pick(choice, wishes)()
@@ -302,10 +302,9 @@ class Run:
             world.at(0, partial(world.command, 0, Page(device)))
         for _ in range(90):
             at, device = choice.integer(0, LASTS - 500 * MS), choice.integer(0, SIZE - 1)
-            wish = wish_of(choice, device)
+            wish = wish_of(choice, device, seed % 2 == 0)
             at = max(at, S // 2) if isinstance(wish, Disconnect | Park | Share) else at
-            act = world.channel.send if isinstance(wish, Outgoing) else world.command
-            world.at(at, partial(act, device, wish))  # type: ignore[arg-type]
+            world.at(at, partial(self.act, device, wish))
         for _ in range(choice.integer(0, 3)):
             at, device = choice.integer(S, LASTS - S), choice.integer(0, SIZE - 1)
             world.at(at, partial(world.channel.power, device, False), WORLD)
@@ -325,6 +324,18 @@ class Run:
             self.used = [used(world.channel, device, LASTS) for device in range(SIZE)]
         world.channel.close(LASTS)
 
+    def act(self, device: Address, wish: LinkCommand | Outgoing) -> None:
+        """Have a host do that; but who is away when it is parked is not: the table does not tell that it still is."""
+        if isinstance(wish, Outgoing):
+            self.world.channel.send(device, wish)
+        elif not isinstance(wish, Park) or not self.busy(device, wish.peer):
+            self.world.command(device, wish)
+
+    def busy(self, *devices: Address) -> bool:
+        """Return whether one of *devices* may be away from one of its piconets."""
+        each = [self.world.channel.devices[device] for device in devices]
+        return any(not one.idle or len(one.masters) + bool(one.master_of.members()) > 1 for one in each)
+
     def move(self, places: list[tuple[float, float]]) -> None:
         self.moves.append((self.world.kernel.now, places))
         self.world.channel.moved(np.array(places))
@@ -343,9 +354,124 @@ class Run:
         return Plain(world.trace, clocks, world.channel.settings, LASTS, self.reach)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 3, 4, 7])
 def test_radios_do_what_a_plain_model_says_that_has_the_tables(seed: int):
+    compare(seed)
+
+
+@pytest.mark.soak
+def test_radios_do_what_a_plain_model_says_in_many_runs(record_property: Callable[[str, object], None]):
+    count = soak_count(200)
+    seen: Counter[str] = Counter()
+    for seed in range(100, 100 + count):
+        seen.update(compare(seed))
+    assert all(seen[state] for state in (*MEMBERS, *LISTENING, "inquiry", "page", "off")), seen
+    record_property("equal runs of Bluetooth's meter", count)
+
+
+MEMBERS = ("master", "slave", "away", "part_time", "hold", "sniff", "park")
+
+
+def compare(seed: int) -> set[str]:
+    """Compare one run, and return the states that its devices were in."""
     run = Run(seed, tables=TABLES, idle_frames=True)
     plain = run.plain()
-    assert run.used == [plain.uses(device) for device in range(SIZE)]
+    assert run.used == [plain.uses(device) for device in range(SIZE)], seed
     assert all(sum(times.values()) == LASTS for times in run.used)
+    return {state for _, state in plain.rows}
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_neither_who_asks_nor_tables_change_what_is_counted_nor_that_it_is_counted_what_happens(seed: int):
+    told, asked = Run(seed, tables=TABLES, idle_frames=True), Run(seed, asks=True, tables=())
+    without = Run(seed, tables=(), energy=None)
+    assert told.used == asked.used
+    assert told.news == asked.news == without.news
+    assert asked.world.kernel.executed == without.world.kernel.executed
+    assert without.world.channel.summary().items() <= asked.world.channel.summary().items()
+    assert without.world.channel.accounts is None
+
+
+# ---------------------------------------------------------------- an air that others share
+
+
+def test_radios_in_a_shared_air_do_what_the_plain_model_says():
+    classic = {"kind": "bluetooth", "energy": "states", "idle_frames": True, "t_poll_slots": 16}
+    wifi = {"kind": "adhoc", "channel": 6}
+    tables = (INTERVALS, TRANSMISSIONS, RECEPTIONS)
+    places = [(0.0, 0.0), (4.0, 0.0), (2.0, 3.0), (1.0, 1.0)]
+    field = SharedField([classic, wifi], places, [(0,), (0,), (0, 1), (0, 1)], tables)
+    field.at(MS, 0, Inquire(S, 3), Page(1), Page(2))
+    choice = Seeded(30)
+    for _ in range(60):
+        at = choice.integer(3 * S, 4 * S - 200 * MS)
+        field.at(at, 0, Outgoing(pick(choice, (1, 2, BROADCAST)), bytes(choice.integer(1, 300))))
+        field.at(at, 2, Outgoing(3, bytes(choice.integer(1, 1500)), None, 1))
+    part = field.channel.parts[0]
+    assert isinstance(part, BluetoothChannel)
+    for device in range(4):
+        field.kernel.at(4 * S - 10 * MS, partial(part.power, device, False), WORLD)
+    field.until(4 * S)
+    field.channel.advance(4 * S)
+    mine = [used(part, device, 4 * S) for device in range(4)]
+    field.channel.close(4 * S)
+    clocks = [device.identity.clock for device in part.devices]
+    plain = Plain(field.trace, clocks, part.settings, 4 * S, lambda *_: True, radio=0)
+    assert mine == [plain.uses(device) for device in range(4)]
+    assert {"collided", "received"} <= set(plain.heard.values())
+    assert len([packet for packet in plain.packets if packet.kind in ACL]) > 50
+
+
+# ---------------------------------------------------------------- closed forms
+
+
+def linked(**settings: Any) -> World:
+    """Return a master 0 and a slave 1 that do nothing but poll, and clocks that do not drift."""
+    world = World(2, tables=(), energy="states", clock_ppm=0, **settings)
+    world.command(0, Scan(False))
+    world.connect(1)
+    world.command(1, Scan(False))
+    world.kernel.run(30 * S)
+    return world
+
+
+def of_an_hour(world: World) -> list[dict[str, Time]]:
+    channel, since = world.channel, world.kernel.now
+    before = [used(channel, device, since) for device in (0, 1)]
+    executed = world.kernel.executed
+    world.kernel.run(since + 3_600 * S)
+    assert world.kernel.executed - executed < 400  # of supervision
+    after = [used(channel, device, world.kernel.now) for device in (0, 1)]
+    return [{state: time - b.get(state, 0) for state, time in a.items()} for a, b in zip(after, before, strict=True)]
+
+
+def test_an_idle_link_costs_its_polls_and_a_look_at_every_slot_of_the_master():
+    master, slave = of_an_hour(linked(t_poll_slots=40))
+    polls, slots = 3_600 * S // (40 * SLOT), 3_600 * S // (2 * SLOT)
+    assert master[TRANSMIT] == master[RECEIVE] == slave[TRANSMIT] == slave[RECEIVE] == polls * POLL
+    assert master[IDLE] == 0
+    assert slave[IDLE] == (slots - polls) * ID
+    assert [sum(each.values()) for each in (master, slave)] == [3_600 * S] * 2
+
+
+def test_sniff_mode_costs_its_windows():
+    world = linked(t_poll_slots=40)
+    world.command(0, Sniff(1, 400, 0, 8))
+    world.kernel.run(31 * S)
+    _, slave = of_an_hour(world)
+    windows = 3_600 * S // (400 * SLOT)
+    assert slave[TRANSMIT] == slave[RECEIVE] == windows * POLL  # what is due waits for the window
+    assert slave[IDLE] == windows * (4 - 1) * ID
+
+
+def test_scans_and_an_inquiry_that_nobody_hears_cost_what_the_specification_says():
+    world = World(2, tables=(), energy="states", clock_ppm=0, range_m=1.0)
+    world.channel.moved(np.array([(0.0, 0.0), (5.0, 0.0)]))
+    world.command(0, Inquire(1_280 * MS, 1))
+    world.kernel.run(128 * S)
+    inquirer, scanner = (used(world.channel, device, 128 * S) for device in (0, 1))
+    assert scanner == {IDLE: 2 * 100 * 11_250 * US, SLEEP: 128 * S - 2 * 100 * 11_250 * US}
+    assert inquirer[TRANSMIT] == 1024 * 2 * ID
+    windows = 2 * 99 * 11_250 * US
+    assert 1024 * SLOT + windows <= inquirer[IDLE] <= 1024 * SLOT + windows + 2 * 11_250 * US
+    assert sum(inquirer.values()) == 128 * S

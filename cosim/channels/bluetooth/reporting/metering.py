@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from cosim.arrays import Int64s
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.band import LOG_FIELDS, Band
-from cosim.channels.bluetooth.medium import GAPS, OUT_OF_RANGE, Medium
+from cosim.channels.bluetooth.medium import GAPS, NOT_TUNED, OUT_OF_RANGE, Medium
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import EVERYONE, HERE, JOINED, NOTHING, SLAVE
 from cosim.channels.clock import NativeClock
@@ -366,8 +366,8 @@ class Meter:
 
     def _count_nulls(self, master: Address, nulls: Int64s) -> None:
         starts = self._clock(master).times_of(nulls[:, 1])
-        near = starts[nulls[:, 4] != OUT_OF_RANGE]
-        self._devices[master].note_all(near, near + HEADER_AIR, _RECEIVE)
+        heard = starts[(nulls[:, 4] != OUT_OF_RANGE) & (nulls[:, 4] != NOT_TUNED)]
+        self._devices[master].note_all(heard, heard + HEADER_AIR, _RECEIVE)
         for slave in np.unique(nulls[:, 5]).tolist():
             own = starts[nulls[:, 5] == slave]
             self._devices[slave].note_all(own, own + HEADER_AIR, _TRANSMIT)
