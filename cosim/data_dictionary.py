@@ -50,7 +50,7 @@ def page(specs: Sequence[ProtocolSpec]) -> str:
         "### Metrics of every run\n\nThe channel's own counts and the metrics of the protocol follow.\n",
         _metrics(METRICS),
         *(f"### Metrics of the channel {name}\n\n{_metrics(channel.metrics)}" for name, channel in CHANNELS.items()),
-        "### Metrics of what radios use\n\nOf ble, bluetooth, adhoc with `energy`; the last one if that names a part.\n",
+        "### Metrics of what radios use\n\nOf ble, bluetooth, adhoc with `energy`; the last if that names a part.\n",
         _metrics(USE_METRICS),
         "### Metrics of what else batteries pay for\n\nIf the fault `battery` has `energy: states`.\n",
         _metrics(ENERGY_METRICS),

@@ -11,6 +11,7 @@ import pytest
 
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.packets import ACL, PACKETS
+from cosim.channels.bluetooth.reporting import metering
 from cosim.channels.bluetooth.scanning import sent_ids
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.clock import NativeClock
@@ -217,7 +218,8 @@ class Plain:
         for begin, end, what in self.spans[device]:
             changes[max(begin, 0)].append((what, 1))
             changes[max(end, 0)].append((what, -1))
-        under_way, times = dict.fromkeys(PRIORITY, 0), defaultdict(int)
+        under_way: Counter[str] = Counter()
+        times: Counter[str] = Counter()
         for at, following in pairwise(sorted(changes)):
             for what, more in changes[at]:
                 under_way[what] += more
@@ -382,8 +384,12 @@ def compare(seed: int) -> set[str]:
 
 
 @pytest.mark.parametrize("seed", [2, 3])
-def test_neither_who_asks_nor_tables_change_what_is_counted_nor_that_it_is_counted_what_happens(seed: int):
-    told, asked = Run(seed, tables=TABLES, idle_frames=True), Run(seed, asks=True, tables=())
+def test_neither_who_asks_nor_tables_change_what_is_counted_nor_that_it_is_counted_what_happens(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+):
+    told = Run(seed, tables=TABLES, idle_frames=True)
+    monkeypatch.setattr(metering, "_AT_ONCE", 100 * MS)
+    asked = Run(seed, asks=True, tables=())
     without = Run(seed, tables=(), energy=None)
     assert told.used == asked.used
     assert told.news == asked.news == without.news
