@@ -356,7 +356,7 @@ class Run:
         return Plain(world.trace, clocks, world.channel.settings, LASTS, self.reach)
 
 
-@pytest.mark.parametrize("seed", [0, 3, 4, 7])
+@pytest.mark.parametrize("seed", [0, 1, 3, 4, 7, 12])
 def test_radios_do_what_a_plain_model_says_that_has_the_tables(seed: int):
     compare(seed)
 
@@ -468,6 +468,16 @@ def test_sniff_mode_costs_its_windows():
     windows = 3_600 * S // (400 * SLOT)
     assert slave[TRANSMIT] == slave[RECEIVE] == windows * POLL  # what is due waits for the window
     assert slave[IDLE] == windows * (4 - 1) * ID
+
+
+def test_a_slave_that_divides_its_time_looks_at_slots_with_room_for_a_packet_and_the_longest_answer():
+    world = linked(t_poll_slots=40, packet_types=["DH1"])
+    world.command(1, Share(64, ((0, 0, 30),), 0))
+    world.kernel.run(31 * S)
+    _, slave = of_an_hour(world)
+    periods, polls = 3_600 * S // (64 * SLOT), slave[RECEIVE] // POLL
+    assert 0 < polls <= 3_600 * S // (40 * SLOT)
+    assert slave[IDLE] == (15 * periods - polls) * ID
 
 
 def test_scans_and_an_inquiry_that_nobody_hears_cost_what_the_specification_says():
