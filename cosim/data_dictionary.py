@@ -16,6 +16,7 @@ from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.energy import USE_METRICS
 from cosim.channels.ideal import IdealChannel
 from cosim.channels.vision import OpticalChannel
+from cosim.faults.course import ENERGY_METRICS
 from cosim.faults.events import EVENTS as FAULT_EVENTS
 from cosim.intervals import STATES
 from cosim.protocol import Metric, ProtocolSpec
@@ -49,8 +50,10 @@ def page(specs: Sequence[ProtocolSpec]) -> str:
         "### Metrics of every run\n\nThe channel's own counts and the metrics of the protocol follow.\n",
         _metrics(METRICS),
         *(f"### Metrics of the channel {name}\n\n{_metrics(channel.metrics)}" for name, channel in CHANNELS.items()),
-        "### Metrics of what radios use\n\nOf ble and adhoc with `energy`; the last one if that names a part.\n",
+        "### Metrics of what radios use\n\nOf ble, bluetooth, adhoc with `energy`; the last if that names a part.\n",
         _metrics(USE_METRICS),
+        "### Metrics of what else batteries pay for\n\nIf the fault `battery` has `energy: states`.\n",
+        _metrics(ENERGY_METRICS),
         "## What `cosim run --trace` writes\n",
         *(_section(table.name, table.meaning, table.fields) for table in TABLES.values()),
         "States of intervals:\n",

@@ -318,7 +318,7 @@ class Simulation:
     @property
     def metric_columns(self) -> tuple[Metric, ...]:
         """The metrics of the run, which are known before it."""
-        return (*METRICS, *self.spec.metrics, *self.channel.columns)
+        return (*METRICS, *self.spec.metrics, *self.channel.columns, *self.faults.columns)
 
     def outcome(self) -> Outcome:
         """Return the metrics, the trace and the digest of the run up to now; to be asked once, at its end."""
@@ -339,17 +339,18 @@ class Simulation:
             "payloads_unsent": float(sum(self.channel.unsent.values())),
             **_own_metrics(self.spec, self.spec.measure(self.machines), verdict),
         }
-        summary = self.channel.summary()
-        twice = sorted(metrics.keys() & summary.keys())
+        summary, spent = self.channel.summary(), self.faults.summary()
+        twice = sorted(metrics.keys() & (summary | spent).keys())
         if twice:
-            raise LocalProtocolError(f"{self.spec.name} and its channel both have a metric {twice[0]}")
+            other = "its channel" if twice[0] in summary else "a battery"
+            raise LocalProtocolError(f"{self.spec.name} and {other} both have a metric {twice[0]}")
         undeclared = sorted(summary.keys() - {metric.name for metric in self.channel.columns})
         if undeclared:
             kind = self.scenario.channel.kind
             raise LocalProtocolError(f"channel {kind}: summary returns {undeclared[0]!r}, which is none of its metrics")
-        metrics |= summary
+        metrics |= summary | spent
         self._note_energy(now)
-        spared = NO_OUTCOME | self.channel.uses
+        spared = NO_OUTCOME | self.channel.uses | spent.keys()
         counted = {name: value for name, value in metrics.items() if name not in spared}
         content = repr(sorted(counted.items())) + self.trace.digest(["events"])  # the same whatever else is kept
         digest = hashlib.sha256(content.encode()).hexdigest()

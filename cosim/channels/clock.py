@@ -6,6 +6,7 @@ of the specification matter only where the hop kernel reads them. Two devices' t
 
 from dataclasses import dataclass
 
+from cosim.arrays import Int64s
 from cosim.jit import njit
 from cosim.units import TICK, Time
 
@@ -36,6 +37,17 @@ class NativeClock:
     def time_of(self, tick: int) -> Time:
         """Return the instant at which *tick* begins."""
         return self.at_local(tick * TICK)
+
+    def times_of(self, ticks: Int64s) -> Int64s:
+        """Return the instants at which *ticks* begin."""
+        rate = MILLION + self.ppm
+        elapsed = ticks * TICK - self.phase
+        turns = elapsed // rate  # in whole turns and a rest, lest a product leaves 64 bits
+        return turns * MILLION - (turns * rate - elapsed) * MILLION // rate
+
+    def ticks_at(self, times: Int64s) -> Int64s:
+        """Return the unwrapped clock values CLKN at *times*."""
+        return (self.phase + times + times * self.ppm // MILLION) // TICK
 
 
 @njit(cache=True)

@@ -15,6 +15,8 @@ from cosim.units import Time
 
 Stretch: TypeAlias = tuple[Time, Time, str]
 """(start, end, detail)"""
+Listen: TypeAlias = Callable[[Address, Time, Time, str], None]
+"""Called with (robot, start, end, state)."""
 NOTHING: Final = ""
 """The state of a phase of which nothing is written."""
 
@@ -32,9 +34,10 @@ class Phase(NamedTuple):
 class Course:
     """What one side of the device *robot* does, or a procedure of it."""
 
-    def __init__(self, intervals: Intervals, robot: Address) -> None:
+    def __init__(self, intervals: Intervals, robot: Address, listen: Listen | None = None) -> None:
         self._intervals = intervals
         self._robot = robot
+        self._listen = listen
         self._phases: list[Phase] = []
         self._told: Time = 0
         """Instant up to which it is written, but for the last row."""
@@ -59,6 +62,8 @@ class Course:
         self._told = max(self._told, now)
 
     def _add(self, start: Time, end: Time, state: str, detail: str) -> None:
+        if self._listen is not None:
+            self._listen(self._robot, start, end, state)
         if self._last is not None and self._last[1:] == (start, state, detail):
             start = self._last[0]
         else:
@@ -88,17 +93,21 @@ class Course:
 
 
 class Courses:
-    """All courses of the devices on one air, and their other *intervals*."""
+    """All courses of the devices on one air, and their other *intervals*.
 
-    def __init__(self, intervals: Intervals | None = None) -> None:
+    *listen*, if given, is called with what has come true, piece by piece.
+    """
+
+    def __init__(self, intervals: Intervals | None = None, listen: Listen | None = None) -> None:
         self.intervals = Intervals(Trace()) if intervals is None else intervals
-        self.wanted = self.intervals.wanted
-        """True if rows are kept: else nobody need plan anything."""
+        self.wanted = self.intervals.wanted or listen is not None
+        """True if rows are kept, or told: else nobody need plan anything."""
+        self._listen = listen
         self._courses: dict[Course, None] = {}  # in the order in which they began
 
     def begin(self, robot: Address) -> Course:
         """Return a new course of the device *robot*."""
-        course = Course(self.intervals, robot)
+        course = Course(self.intervals, robot, self._listen)
         if self.wanted:
             self._courses[course] = None
         return course
@@ -108,6 +117,11 @@ class Courses:
         if course in self._courses:
             del self._courses[course]
             course.close(now)
+
+    def tell(self, now: Time) -> None:
+        """Write what has come true of all of them before *now*."""
+        for course in self._courses:
+            course.tell(now)
 
     def under_way(self, now: Time) -> list[Interval]:
         """Return what all of them are in *now*."""

@@ -59,7 +59,7 @@ from cosim.intervals import HOST, Interval, Intervals
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import Address, Drive, Machine, Scan
 from cosim.node import Node
-from cosim.protocol import Death
+from cosim.protocol import Death, Metric
 from cosim.randomness import Streams
 from cosim.robots.motion import Carry, Fleet
 from cosim.robots.placement import Point, misfit
@@ -71,6 +71,11 @@ from cosim.world.floorplan import Floorplan
 Boot: TypeAlias = Callable[[Address, int, Time], Machine]
 """(robot, how often it has booted again, its clock) -> its new machine."""
 
+ENERGY_METRICS: Final = (
+    Metric("drive_j", "J", "that the robots' batteries have spent on driving"),
+    Metric("host_j", "J", "that the robots' batteries have spent on hosts"),
+)
+"""What a run counts that has a battery with ``energy: states``, of all batteries together."""
 TRIES: Final = 1000
 """Number of places that are drawn before the floor counts as full."""
 _ROUNDING: Final = 1e-9
@@ -317,6 +322,17 @@ class Faults:
     def used_j(self) -> dict[Address, dict[str, float]]:
         """Return what host and drive of each robot that has a battery have used, as of the last tick."""
         return {robot: {"host": each.host_j, "drive": each.drive_j} for robot, each in self._batteries.items()}
+
+    @property
+    def columns(self) -> tuple[Metric, ...]:
+        """The metrics that ``summary`` returns: no outcome of a run."""
+        return ENERGY_METRICS if any(battery.counts_states for battery in self._batteries.values()) else ()
+
+    def summary(self) -> dict[str, float]:
+        """Return what drive and host of all robots with a battery have used, if one of these counts states."""
+        used = self.used_j().values()
+        drive_j, host_j = (math.fsum(each[part] for each in used) for part in ("drive", "host"))
+        return {"drive_j": drive_j, "host_j": host_j} if self.columns else {}
 
     def _supply(self, number: int, fault: BatterySettings) -> None:
         """Have a battery looked at whenever a tick comes."""

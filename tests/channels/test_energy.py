@@ -14,9 +14,11 @@ from tests.faults.fault_scene import executed, kill, radio_off, rows, scenario
 
 BLE = {"kind": "ble"}
 ADHOC = {"kind": "adhoc"}
+CLASSIC = {"kind": "bluetooth"}
 RADIOS = {"kind": "radios", "radios": [BLE, ADHOC]}
 LAW = {"propagation": {"model": "log_distance"}}
 SHARED = {"kind": "radios", "air": "shared", "radios": [{**BLE, **LAW}, {**ADHOC, **LAW}]}
+CLASSIC_SHARED = {"kind": "radios", "air": "shared", "radios": [{**CLASSIC, **LAW}, {**ADHOC, **LAW}]}
 TEAM = {"groups": [{"size": 1, "radios": [0, 1]}, {"size": 1, "radios": [0]}]}
 
 
@@ -26,6 +28,11 @@ def battery(robot: int, capacity_j: float, **more: Any) -> dict[str, Any]:
 
 CRASH = {"kind": "crash", "robot": 0, "at_s": 1.0, "until_s": 2.0}
 FAULTS = (CRASH, radio_off(1, 2.05, 3.0), kill(1, 4.0))
+CHANNELS = pytest.mark.parametrize(
+    "channel",
+    [BLE, ADHOC, CLASSIC, RADIOS, SHARED, CLASSIC_SHARED],
+    ids=["ble", "adhoc", "bluetooth", "radios", "shared", "bluetooth shared"],
+)
 
 
 def counting(channel: dict[str, Any], part: str = "nrf52840") -> dict[str, Any]:
@@ -47,7 +54,7 @@ def energy_rows(simulation: Simulation) -> list[tuple[Any, ...]]:
     return list(zip(*simulation.trace.columns(ENERGY.name).values(), strict=True))
 
 
-@pytest.mark.parametrize("channel", [BLE, ADHOC, RADIOS, SHARED], ids=["ble", "adhoc", "radios", "shared"])
+@CHANNELS
 @pytest.mark.parametrize("faults", [(), FAULTS], ids=["sound", "faulty"])
 def test_to_count_changes_no_digest_no_event_and_no_frame(channel: dict[str, Any], faults: tuple[dict[str, Any], ...]):
     without, counted = run(channel, *faults), run(counting(channel), *faults)
@@ -59,7 +66,7 @@ def test_to_count_changes_no_digest_no_event_and_no_frame(channel: dict[str, Any
     assert not any("radio_tx" in metric.name for metric in without.metric_columns)
 
 
-@pytest.mark.parametrize("channel", [BLE, ADHOC, RADIOS, SHARED], ids=["ble", "adhoc", "radios", "shared"])
+@CHANNELS
 def test_states_of_each_radio_last_as_long_as_the_run_and_add_up_to_the_columns(channel: dict[str, Any]):
     simulation = run(counting(channel), *FAULTS)
     metrics, told = simulation.outcome.metrics, energy_rows(simulation)
@@ -128,13 +135,27 @@ def test_a_battery_pays_for_host_and_drive_beside_its_radio_and_the_table_tells_
     assert told[0, -1, "drive"] == pytest.approx(5.0 * simulation.outcome.metrics["distance_m"] / 2, rel=1e-6)
     spent = told[0, -1, "host"] + told[0, -1, "drive"]
     radio = math.fsum(value for (robot, of, _), value in told.items() if (robot, of) == (0, 0))
+    assert simulation.outcome.metrics["host_j"] == told[0, -1, "host"]
+    assert simulation.outcome.metrics["drive_j"] == told[0, -1, "drive"]
     left = simulation.faults.energy_j()[0]
     assert 99.0 - spent - radio <= left <= 99.0 - spent - 0.98 * radio
     assert (1, -1, "host") not in told
 
 
+def test_columns_of_drives_and_hosts_are_those_of_all_batteries_and_no_outcome():
+    ours = battery(0, 99.0, idle_w=2.0, drive_j_per_m=5.0), battery(1, 50.0, energy="states", idle_w=1.0)
+    constant = battery(1, 50.0, idle_w=1.0)
+    metrics = run(counting(BLE), *ours, far_m=1.0).outcome.metrics
+    assert metrics["host_j"] == pytest.approx((2.0 + 1.0) * 5.9)  # up to the last tick
+    assert metrics["drive_j"] == pytest.approx(5.0 * metrics["distance_m"] / 2, rel=1e-6)
+    counts, does_not = run(counting(BLE), *ours), run(counting(BLE), ours[0], constant)
+    assert counts.outcome.metrics.keys() - does_not.outcome.metrics.keys() == {"drive_j", "host_j"}
+    assert counts.outcome.metrics.keys() == {metric.name for metric in counts.metric_columns}
+    assert counts.outcome.digest == does_not.outcome.digest
+
+
 def test_a_battery_that_counts_states_needs_a_part():
-    for channel in ({"kind": "ideal"}, BLE, counting(BLE, "states"), counting(ADHOC)):
+    for channel in ({"kind": "ideal"}, BLE, counting(BLE, "states"), counting(ADHOC), counting(CLASSIC)):
         with pytest.raises(UserError, match=r"faults\[0\].energy: states needs a part that channel.energy names"):
             executed(battery(0, 1.0, energy="states"), channel=channel)
     with pytest.raises(UserError, match="needs a part"):  # of all of its radios

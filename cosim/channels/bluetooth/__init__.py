@@ -7,6 +7,6 @@ parts ``schedule``, ``slots``, ``modes`` and ``afh`` work on the one ``PiconetSt
 
 All devices are on one air (``radio``). Its arithmetic is compiled: ``medium`` (which frames overlap, what survives),
 ``band`` and ``polling`` (idle piconets, advanced together), ``hopping``, ``scanning`` and ``errors``. Nothing is
-scheduled for an idle slot; slow oracles in ``tests/oracles`` say the same slot by slot. ``bits`` has the packets bit by
-bit.
+scheduled for an idle slot; slow oracles in ``tests/oracles`` say the same slot by slot. ``reporting`` has who is told
+of what is on the air: radios of other kinds, and the meter of what it takes. ``bits`` has the packets bit by bit.
 """

@@ -237,6 +237,13 @@ def _end(
 
 
 @njit(cache=True, borrows=True)
+def _note(row: Int64s, p: int, piconet: State, up: bool, fate: int) -> None:
+    """Note the idle frame of a piconet that has just ended, or has found nobody, in a *row* of the log."""
+    row[0], row[1], row[2] = p, piconet[PAIR_TICK] + (2 if up else 0), piconet[PAIR_LINK]
+    row[3], row[4] = up, fate
+
+
+@njit(cache=True, borrows=True)
 def _note_powers(
     band: Band, medium: Medium, foreign: Foreign | None, adapted: Adapted | None, row: Int64s, powers: Floats
 ) -> None:
@@ -294,11 +301,9 @@ def advance(
         else:
             fate = _poll(band, medium, noise, foreign, adapted, p)
         if log.shape[0] and (over or fate != RECEIVED):
-            row = log[count]
-            row[0], row[1], row[2] = p, piconet[PAIR_TICK] + (2 if up else 0), piconet[PAIR_LINK]
-            row[3], row[4] = up, fate
+            _note(log[count], p, piconet, up, fate)
             if powers.shape[0]:
-                _note_powers(band, medium, foreign, adapted, row, powers[count])
+                _note_powers(band, medium, foreign, adapted, log[count], powers[count])
             count += 1
         when[p] = _next_event(piconet, band.links[p])
     for p in range(size):
@@ -339,11 +344,12 @@ def run_alone(
     p: int,
     until: int,
     last_end: int,
-) -> None:
+    log: Int64s | None,
+) -> int:
     """Do what :func:`advance` does for a piconet that alone is on the air: only noise can destroy a frame.
 
     Where there is no noise, and all links are sure, pairs are not assessed. The fields of the band come one by one: it
-    takes Python longer to hand over a tuple than the kernel to do what is mostly due.
+    takes Python longer to hand over a tuple than the kernel to do what is mostly due. Without a log it is None.
     """
     band = Band(piconets, links_of, carriers_dbm, power_dbm)
     piconet, links = piconets[p], links_of[p]
@@ -351,18 +357,26 @@ def run_alone(
     if adapted is not None:  # noqa: SIM102
         if piconet[USED] and (sure != ALL_SURE or noise is not None):  # each pair counts
             sure, assess = 0, True
-    end = first_slot_at(piconet, until)
+    if log is not None:
+        sure = 0  # each pair is a row
+    end, count = first_slot_at(piconet, until), 0
     while True:
         if not piconet[STAGE]:  # or else the pair under way has the powers of its start
             skip(piconet, links, end - 4, sure)
         when = _next_event(piconet, links)
         if when > (2 * until - 1 if when & 1 else 2 * last_end):
             break
-        if when & 1:
-            _poll(band, None, noise, None, adapted, p)
-        else:
-            _end(band, None, noise, None, adapted, p, assess)
+        if log is not None:  # noqa: SIM102
+            if log.shape[0] <= count:
+                return count + 1
+        up, over = piconet[STAGE] == 2, piconet[STAGE] > 0
+        fate = _end(band, None, noise, None, adapted, p, assess) if over else _poll(band, None, noise, None, adapted, p)
+        if log is not None:  # noqa: SIM102
+            if over or fate != RECEIVED:
+                _note(log[count], p, piconet, up, fate)
+                count += 1
     piconet[NEXT] = max(piconet[NEXT], end)
+    return count
 
 
 @njit(cache=True)

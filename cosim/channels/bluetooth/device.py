@@ -4,7 +4,7 @@ The powers between devices change only when robots move or a radio is switched. 
 instant first, so that what they compute later than it happens is computed with the powers of its time.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import Final
 
@@ -21,11 +21,13 @@ from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
 from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
+from cosim.channels.bluetooth.reporting.metering import Meter, Parked
+from cosim.channels.bluetooth.reporting.tenancy import Tenancy
 from cosim.channels.bluetooth.settings import BluetoothSettings
-from cosim.channels.bluetooth.tenancy import Tenancy
 from cosim.channels.bluetooth.transport import Transport
 from cosim.channels.clock import NativeClock
 from cosim.channels.courses import Courses
+from cosim.channels.energy import Accounts, Uses
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier
 from cosim.channels.reach import Disc, Fading, Floor, reach_of
@@ -100,7 +102,6 @@ class BluetoothChannel(Channel):
         else:
             self._reach = Fading(np.array(powers_dbm), shared.propagation)
         self._calls_wanted = trace.wants(CALLS)
-        self._courses = Courses(self.intervals)
         self._switched_off: list[Time] = [-1] * size  # when each was last
         wanted = {table: trace.wants(table) for table in (FRAMES, TRANSMISSIONS, RECEPTIONS)}
         # 0 without a law of propagation
@@ -123,6 +124,7 @@ class BluetoothChannel(Channel):
                 kernel, size, settings.host_bps, settings.receive_payloads, partial(self._deliver, events=())
             )
         )
+        self._courses = self._metered(powers_dbm) if settings.energy else Courses(self.intervals)
         self._jammers: list[Jammer] = []
         self._events: list[tuple[Address, LinkEvent]] = []
         self.devices: list[Controller] = []
@@ -130,6 +132,22 @@ class BluetoothChannel(Channel):
             self.devices.append(self._device(address, streams))
         for device in self.devices:
             self._equip(device, streams)
+
+    def _metered(self, powers_dbm: Sequence[float]) -> Courses:
+        """Count what radios use; return courses that tell the meter of what devices do."""
+        self._meter = Meter(self.air, lambda now: courses.tell(now), self._parked)
+        courses = Courses(self.intervals, self._meter.listened)
+        self.air.meter = self._meter
+        self.accounts = Accounts("states", self._uses, powers_dbm)
+        return courses
+
+    def _parked(self) -> Iterator[Parked]:
+        for device in self.devices:
+            yield from device.master_of.parked()
+
+    def _uses(self, address: Address, now: Time) -> Uses:
+        self.air.advance(now)
+        return self._meter.uses(address, now)
 
     # ------------------------------------------------------------ hosts' payloads and commands
 
@@ -199,6 +217,8 @@ class BluetoothChannel(Channel):
             device.switch_off()
             if self._transport is not None:
                 self._transport.clear(address)
+        if self.accounts is not None:
+            self._meter.switch(address, self.kernel.now, on)
         self._on[address] = on
         self._all_on = bool(self._on.all())
         self._update_powers()
@@ -267,7 +287,7 @@ class BluetoothChannel(Channel):
             for kind, count in device.master_of.counts().items():
                 totals["idle_polls" if kind == "idle" else f"frames_{kind.lower()}"] += count
                 totals["frames_sent"] += count if kind in ACL else 0
-        return totals
+        return totals | self._used()
 
     def _record(self, frame: Frame, fate: Fate) -> None:
         start, duration, kind, source, destination, channel, lt_addr, length = frame

@@ -328,6 +328,11 @@ class Parking:
             piconet[BEACON] = self._after(int(piconet[NEXT]) - 1)
         self._links.note_shares()
 
+    def listeners(self) -> list[tuple[Address, Address, int, int]]:
+        """Return (master, slave, ticks from a beacon window to the next, ticks of a window) of slaves that listen."""
+        members = (member for member in self.members.values() if member.joined and member.presence.here)
+        return [(self._links.master, member.slave, self._period, self._window) for member in members]
+
     def up(self, number: int, side: int) -> bool:
         """Return whether one side, HELD or JOINED, takes a parked slave for a member."""
         member = self.members[number]

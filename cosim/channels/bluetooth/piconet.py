@@ -43,6 +43,7 @@ from cosim.channels.bluetooth.polling import (
 )
 from cosim.channels.bluetooth.queues import LinkEvents, Payload, Queues, fate
 from cosim.channels.bluetooth.radio import Radio
+from cosim.channels.bluetooth.reporting.metering import Parked
 from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.slots import Slots
 from cosim.channels.bluetooth.state import SCHEDULERS, Deliver, PiconetSettings, PiconetState
@@ -102,6 +103,10 @@ class Piconet:
     def members(self) -> tuple[Address, ...]:
         """Return the slaves whose link the master takes to be up, by LT_ADDR."""
         return tuple(self.links.slaves[k] for k in self.links.held())
+
+    def parked(self) -> list[Parked]:
+        """Return the parked slaves that listen to beacons, and when."""
+        return self._parking.listeners()
 
     def free_lt_addr(self) -> int | None:
         """Return the smallest LT_ADDR that no side of a link uses, or None."""

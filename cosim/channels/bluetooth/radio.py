@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from itertools import repeat
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -35,7 +34,8 @@ from cosim.channels.bluetooth.polling import (
     USED,
     WORD,
 )
-from cosim.channels.bluetooth.tenancy import Tenancy
+from cosim.channels.bluetooth.reporting.metering import LOG_ROWS, Meter
+from cosim.channels.bluetooth.reporting.tenancy import Tenancy
 from cosim.channels.clock import NativeClock, start_of
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
@@ -58,7 +58,6 @@ FOREVER: Final[Time] = 1 << 61
 _NOTHING_DBM: Final = float("-inf")
 _NO_LOG: Final = np.empty((0, LOG_FIELDS), dtype=np.int64)
 _NO_POWERS: Final = np.empty((0, LOG_POWERS))
-_LOG_ROWS: Final = 4096
 
 
 class Heard(StrEnum):
@@ -104,6 +103,7 @@ class Fate:
 
 
 _UNJUDGED: Final = (Heard.OUT_OF_RANGE, Heard.NOT_TUNED)
+_UNHEARD: Final = (*_UNJUDGED, Heard.BUSY)
 _PARTS: Final = tuple(Part)
 FATES: Final[tuple[Fate, ...]] = (
     Fate(Heard.RECEIVED),
@@ -200,6 +200,11 @@ class Air:
         self._others: Time = 0
         """Instant at which the last frame that is in the medium may be over."""
         self._idle: dict[Address, IdleFrame] = {}  # by master, where idle frames are wanted
+        self._log = _NO_LOG
+        self._powers = _NO_POWERS
+        """What kernels write of idle frames; without rows if nobody wants that."""
+        self.meter: Meter | None = None
+        """Takes what devices do, if a scenario asks for that."""
         self.stray: Time = 0
         """Instant from which nothing is on the air that a change, an inquiry or a page has left there."""
         self._trains: list[_Train] = []  # as in the medium
@@ -216,6 +221,8 @@ class Air:
         self.advance(now, now - 1)
         self.medium.power_dbm[:] = power_dbm
         self._power = None
+        if self.meter is not None:
+            self.meter.changed(now)
 
     def carrier(self, source: Address, receiver: Address) -> float:
         """Return the power in dBm with which *receiver* gets *source* now."""
@@ -253,7 +260,7 @@ class Air:
         if self._running and self._closing < now:
             self.advance(self._closing)  # from there on a piconet may be alone
         if self._idle:
-            self._advance_and_report(now, last_end)
+            self._advance_together(now, last_end)
         elif self._running:
             if self._master is not None and not self._alone:
                 since = min(self.stray, now)
@@ -261,19 +268,33 @@ class Air:
                 self._alone = self.stray <= now
             if self._master is None:
                 self._advance_together(now, last_end)
+            elif self._alone and self.meter is None:
+                bands.run_alone(*self.band, self.noise, self.adapted, self._master, now, last_end, None)
             elif self._alone:
-                bands.run_alone(*self.band, self.noise, self.adapted, self._master, now, last_end)
+                self._log_alone(self._master, now, last_end, self.meter.log)
         if now >= self._closing:
             self._forget_trains(now)
 
-    def _advance_together(self, now: Time, last_end: Time, log: Int64s = _NO_LOG, powers: Floats = _NO_POWERS) -> int:
+    def _advance_together(self, now: Time, last_end: Time) -> None:
         self._put_sent()
         self._others = max(self._others, now + LONGEST_FRAME)
-        while True:
+        log, more = self._log if self.meter is None else self.meter.log, True
+        while more:
             state = self.band, self.medium, self.noise, self._foreign, self.adapted
-            count = int(bands.advance(*state, now, last_end, log, powers))
-            if self.neighbours is None or not self.neighbours.tell_begun():
-                return count
+            count = int(bands.advance(*state, now, last_end, log, self._powers))
+            more = count > len(log)
+            if count:
+                self._report(log[:count])
+            if self.neighbours is not None and self.neighbours.tell_begun():
+                more = True
+
+    def _log_alone(self, master: Address, now: Time, last_end: Time, log: Int64s) -> None:
+        more = True
+        while more:
+            count = bands.run_alone(*self.band, self.noise, self.adapted, master, now, last_end, log)
+            more = count > len(log)
+            if count:
+                self._report(log[:count])
 
     @property
     def _foreign(self) -> Foreign | None:
@@ -281,21 +302,23 @@ class Air:
         neighbours = self.neighbours
         return self._jammers if neighbours is None else neighbours.heard(self._jammers)
 
-    def _advance_and_report(self, now: Time, last_end: Time) -> None:
-        more = True
-        while more:
-            log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
-            powers = _NO_POWERS if self._arrived is None else np.empty((_LOG_ROWS, LOG_POWERS))
-            count = self._advance_together(now, last_end, log, powers)
-            more = count > _LOG_ROWS
-            arrived = powers[:count].tolist() if len(powers) else repeat((_NOTHING_DBM, 0.0))
-            for (master, tick, k, up, fate), (power_dbm, met_mw) in zip(log[:count].tolist(), arrived, strict=False):
-                if master in self._idle:
-                    self._idle[master](tick, k, bool(up), FATES[fate], power_dbm, met_mw)
+    def _report(self, log: Int64s) -> None:
+        """Report the idle frames of these rows of the log, and of as many of the powers."""
+        powers = self._powers[: len(log)]
+        if self.meter is not None:
+            self.meter.take(log)
+        if not self._idle:
+            return
+        arrived = powers.tolist() if len(powers) else [(_NOTHING_DBM, 0.0)] * len(log)
+        for (master, tick, k, up, fate), (power_dbm, met_mw) in zip(log.tolist(), arrived, strict=True):
+            if master in self._idle:
+                self._idle[master](tick, k, bool(up), FATES[fate], power_dbm, met_mw)
 
     def report_idle(self, master: Address, report: IdleFrame) -> None:
         """Call *report* with every idle POLL and NULL of the piconet of *master* from now on."""
         self._idle[master] = report
+        self._log = np.empty((LOG_ROWS, LOG_FIELDS), dtype=np.int64)
+        self._powers = _NO_POWERS if self._arrived is None else np.empty((LOG_ROWS, LOG_POWERS))
 
     def changed(self, now: Time) -> None:
         """Note that devices have begun or ended to send or to listen; all piconets must be advanced to *now* before."""
@@ -303,6 +326,8 @@ class Air:
         self._running, master = bands.senders(self.band.piconets, self.band.links)
         self._settle(master if master >= 0 else None, now)
         self._review()
+        if self.meter is not None:
+            self.meter.changed(now)
 
     def _trains_changed(self, now: Time) -> None:
         """Note that a train has begun or is forgotten."""
@@ -346,6 +371,8 @@ class Air:
         while sent and sent[0][2] + 2 * LONGEST_FRAME < start:
             sent.popleft()
         sent.append((source, start, end, channel))
+        if self.meter is not None:
+            self.meter.sent(source, start, end)
         if self.neighbours is not None:
             self.neighbours.tell(source, start, end, channel)
 
@@ -477,11 +504,13 @@ class Air:
         return True
 
     def record(self, frame: Frame, fate: Fate, power_dbm: float = _NOTHING_DBM, met_mw: float | None = None) -> None:
-        """Hand *frame* and its fate to the trace, as far as that wants them.
+        """Hand *frame* and its fate to the trace, as far as that wants them, and to the meter.
 
         *power_dbm* is its power at the receiver, *met_mw* the most that overlaps one of its sections there; if that is
         not given, the frame has ended just now.
         """
+        if self.meter is not None and fate.heard not in _UNHEARD:  # it knows of those of piconets by itself
+            self.meter.received(frame.destination, frame.start, frame.start + frame.duration)
         if self._record is not None:
             self._record(frame, fate)
         if self._arrived is not None:
@@ -515,11 +544,13 @@ class Air:
         trains = mediums.records(len(before) + 1, mediums.TRAIN)
         trains[:-1], trains[-1] = before, train[0]
         new = _Train(int(train["sender"][0]), int(train["until"][0]))
-        self._set_trains(trains, [*self._trains, new])
+        self._set_trains(trains, [*self._trains, new], now)
         self._trains_changed(now)
 
     def silence_train(self, device: Address, since: Time, until: Time) -> None:
         """Let the train of *device*, if it sends one, send nothing that would start in [since, until)."""
+        if self.meter is not None:
+            self.meter.count_ids(since)
         begins, ends = self._silences
         for row, train in enumerate(self._trains):
             if train.end > since and train.device == device:
@@ -537,10 +568,12 @@ class Air:
         """Drop the trains that ended so long ago that nothing on the air can have met them."""
         kept = [row for row, train in enumerate(self._trains) if train.end + 2 * LONGEST_FRAME > now]
         if len(kept) < len(self._trains):
-            self._set_trains(self.medium.trains[kept], [self._trains[row] for row in kept])
+            self._set_trains(self.medium.trains[kept], [self._trains[row] for row in kept], now)
             self._trains_changed(now)
 
-    def _set_trains(self, records: Records, trains: list["_Train"]) -> None:
+    def _set_trains(self, records: Records, trains: list["_Train"], now: Time) -> None:
+        if self.meter is not None:
+            self.meter.count_ids(now)
         self.medium = self.medium._replace(trains=records)
         self._trains = trains
         self._silences = records["silent_since"], records["silent_until"]

@@ -23,7 +23,7 @@ from cosim.arrays import Int64s
 from cosim.channels.bluetooth.hopping import KOFFSET, Train, page_channel, train_phase
 from cosim.channels.bluetooth.medium import TRAIN, Records, records
 from cosim.channels.bluetooth.packets import ID_AIR
-from cosim.channels.clock import MILLION, NativeClock, start_of, tick_at
+from cosim.channels.clock import NativeClock, start_of, tick_at
 from cosim.channels.courses import Stretch
 from cosim.intervals import Interval
 from cosim.jit import njit
@@ -295,16 +295,8 @@ def sent_ids(
     start, end = max(start, row.start), min(end, row.end)
     ticks = np.arange(clock.tick(start - 1) + 1, clock.tick(end - 1) + 1, dtype=np.int64)
     ticks = ticks[ticks & 2 == 0]
-    starts = _starts(clock, ticks)
+    starts = clock.times_of(ticks)
     for silent, again in silences:
         heard = (starts <= silent) | (starts >= again)
         ticks, starts = ticks[heard], starts[heard]
     return starts, page_channel(int(words["word"], 0), ticks + int(words["estimate"]), train)
-
-
-def _starts(clock: NativeClock, ticks: Int64s) -> Int64s:
-    """Return the instants at which *ticks* begin, as ``clock.start_of`` has them."""
-    rate = MILLION + clock.ppm
-    elapsed = ticks * TICK - clock.phase
-    turns = elapsed // rate
-    return turns * MILLION - (turns * rate - elapsed) * MILLION // rate

@@ -81,6 +81,9 @@ class BluetoothSettings(ChannelSettings):
     )
     page: PageSettings = Field(default_factory=PageSettings, description="how devices ask for a link")
     page_scan: ScanSettings = Field(default_factory=ScanSettings, description="how devices let themselves be paged")
+    energy: Literal["states"] | None = Field(
+        default=None, description="what radios use is counted: their times by state (states)"
+    )
     idle_frames: bool = Field(default=False, description="whether recorded frames include idle POLL and NULL")
 
     @model_validator(mode="after")

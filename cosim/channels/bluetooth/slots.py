@@ -189,6 +189,8 @@ class Slots:
         kind, duration, first = _shape(answer, NULL)
         polling.answer_pair(links.piconet, links.table, tick, pair.k, first, answer is not None, kind.slots)
         reply = self._send(tick, kind, duration, pair.slave, self.address, pair.k, answer, pair.tick)
+        if self._air.meter is not None:
+            self._air.meter.answered(pair.slave, reply.start, self.clock.time_of(tick + 2 * kind.slots))
         if pair.noted:
             self._air.latest.append(reply)
         self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
@@ -198,6 +200,8 @@ class Slots:
         links, k, answer = self.links, pair.k, pair.answer
         held = bool(links.table[HELD, k])
         fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
+        if self._air.meter is not None and fate.judged:
+            self._air.meter.received(self.address, frame.start, self._kernel.now)
         if pair.noted:
             self._record(frame, answer)
             self._air.record(frame, fate, pair.up_dbm)
@@ -309,6 +313,8 @@ class Slots:
         if payload is not None and payload.tries == 1 and self._queues.payloads is not None:
             self._queues.payloads.begin(payload, start)
         self._air.send(source, start, duration, channel)
+        if self._air.meter is not None and source == self.address:
+            self._air.meter.asked(source, tick, lt_addr, duration, kind.slots)
         return _new(Frame, (start, duration, kind.name, source, destination, channel, lt_addr, length))
 
     def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
