@@ -23,7 +23,17 @@ from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, LOG_POWERS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
-from cosim.channels.bluetooth.medium import BIT_ERRORS, MET, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Foreign, Noise, Records
+from cosim.channels.bluetooth.medium import (
+    BIT_ERRORS,
+    BUSY,
+    MET,
+    NOT_TUNED,
+    OUT_OF_RANGE,
+    RECEIVED,
+    Foreign,
+    Noise,
+    Records,
+)
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import (
     PAIR_LINK,
@@ -35,7 +45,7 @@ from cosim.channels.bluetooth.polling import (
     USED,
     WORD,
 )
-from cosim.channels.bluetooth.tenancy import Tenancy
+from cosim.channels.bluetooth.tenancy import Seats, Tenancy
 from cosim.channels.clock import NativeClock, start_of
 from cosim.channels.courses import Courses
 from cosim.channels.jamming import Jammer
@@ -71,7 +81,7 @@ class Heard(StrEnum):
     NOT_TUNED = "not_tuned"
     """The receiver listened on another channel, or not at all."""
     BUSY = "busy"
-    """The receiver was in the middle of another frame."""
+    """The receiver was in the middle of another frame, or another radio of the robot has sent."""
     REFUSED = "refused"
     """The receiver had no room for the payload (flow control)."""
 
@@ -112,10 +122,11 @@ FATES: Final[tuple[Fate, ...]] = (
     *(Fate(Heard.BIT_ERRORS, part) for part in _PARTS[1:]),
     Fate(Heard.OUT_OF_RANGE),
     Fate(Heard.NOT_TUNED),
+    Fate(Heard.BUSY),
 )
 """The fates by the numbers that compiled functions return."""
 assert FATES[BIT_ERRORS + 1].heard is Heard.BIT_ERRORS
-GOOD, FAR, UNTUNED, TAKEN = FATES[RECEIVED], FATES[OUT_OF_RANGE], FATES[NOT_TUNED], Fate(Heard.BUSY)
+GOOD, FAR, UNTUNED, TAKEN = (FATES[number] for number in (RECEIVED, OUT_OF_RANGE, NOT_TUNED, BUSY))
 REFUSED: Final = Fate(Heard.REFUSED)
 
 
@@ -135,6 +146,11 @@ class Frame(NamedTuple):
     """Logical transport address; 0 for a broadcast and outside of a piconet."""
     length: int = 0
     """User payload in bytes."""
+
+
+def was_sent(air: "Air", frame: Frame) -> bool:
+    """Return whether the *frame* of a train has been sent, for all that other radios of its sender do."""
+    return air.seats is None or air.seats.has_sent_id(frame.source, frame.start)
 
 
 IdleFrame: TypeAlias = Callable[[int, int, bool, Fate, float, float], None]
@@ -175,6 +191,8 @@ class Air:
         """Its place in an air that others share,"""
         self.neighbours: Tenancy | None = None
         """which is this as long as they send anything."""
+        self.seats: Seats | None = None
+        """Where devices ask before they send, if arbiters divide the air between a robot's radios."""
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
         self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
