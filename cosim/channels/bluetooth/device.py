@@ -140,9 +140,10 @@ class BluetoothChannel(Channel):
         assert tenancy is not None
         supervision = self.settings.piconet.supervision
         seats = Seats(arbitration, tenancy.number, self.kernel, self.size, supervision, self.intervals)
-        seats.planned = self._planned_until
-        self.air.seats = seats
-        tenancy.arbitrate(seats)
+        if seats.taken:
+            seats.planned = self._planned_until
+            self.air.seats = seats
+            tenancy.arbitrate(seats)
 
     def _planned_until(self, address: Address, start: Time, end: Time, rank: Rank) -> Time | None:
         """Return the end of what a device is to do in its piconets in [start, end) that is more than *rank*."""

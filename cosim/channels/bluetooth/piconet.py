@@ -256,9 +256,9 @@ class Piconet:
     def planned_until(self, device: Address, start: Time, end: Time, rank: Rank) -> Time | None:
         """Return the end of the next pair in [start, end) that is more to *device*, its master or a slave, than *rank*.
 
-        What there is to say, and how soon a link is lost, is as it is known now. None if there is no such pair.
+        What there is to say, and how soon a link is lost, is as it is known now; all slots before now are decided. None
+        if there is no such pair.
         """
-        self.advance(self._kernel.now)
         links = self.links
         if not links.piconet[RUNNING]:
             return None

@@ -117,6 +117,11 @@ class Seats:
         self._silences: dict[Address, tuple[Time, Time]] = {}
         """From when to when the last IDs are left out that each was refused."""
 
+    @property
+    def taken(self) -> bool:
+        """True if any device has a seat: its robot has other radios in the air."""
+        return bool(self._seats)
+
     def refused_until(self, device: Address, end: Time, rank: Rank) -> Time | None:
         """Ask for the air from now to *end*, in which *device* begins something at once unless it is refused.
 
@@ -297,9 +302,16 @@ class Tenancy:
             self._tell_ids(until)
 
     def begins_after(self, time: Time) -> Time:
-        """Return an instant after *time* before which nothing begins by itself."""
+        """Return an instant after *time* before which nothing begins by itself.
+
+        Where it is punctual nothing ends by itself before that, either: what is said to an arbiter between two such
+        instants does not depend on when piconets were advanced.
+        """
         band = self._piconets.band
         soonest = next_start(band.piconets, band.links)
+        if self.punctual:
+            polls = [int(time_of(row, row[PAIR_TICK])) for row in band.piconets if row[STAGE] == 1]
+            soonest = min([soonest, *(start + HEADER_AIR for start in polls)])
         for train in self._piconets.medium.trains:
             if list_ids(train, max(self._ids_told, time + 1), NEVER, self._next_id):
                 soonest = min(soonest, int(self._next_id[0, 0]))

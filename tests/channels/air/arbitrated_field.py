@@ -28,9 +28,9 @@ class Sent(NamedTuple):
 
 
 class Field(SharedField):
-    """Robots of which some have both radios: 802.11, and Low Energy unless *other* is another one.
+    """Robots of which some have both radios: Low Energy and 802.11, unless *other* or *wifi* name another kind.
 
-    What the latter tells the air is kept.
+    What is told to the air is kept: 802.11 tells it in another way, but has all its frames in a table.
     """
 
     def __init__(
@@ -41,7 +41,8 @@ class Field(SharedField):
         wifi: dict[str, Any] | None = None,
         **settings: Any,
     ) -> None:
-        radios = [{"kind": "ble", **(other or {})}, {"kind": "adhoc", "channel": 6, "rate_mbps": 11, **(wifi or {})}]
+        wifi = {"channel": 6, "rate_mbps": 11, **(wifi or {})} if wifi is None or "kind" not in wifi else wifi
+        radios = [{"kind": "ble", **(other or {})}, {"kind": "adhoc", **wifi}]
         tables = TRANSMISSIONS, RECEPTIONS, INTERVALS
         super().__init__(radios, places, carried, tables, **{"arbitration": True, **settings})
         self.size = len(places)
@@ -62,10 +63,11 @@ class Field(SharedField):
 
     def sent(self) -> list[Sent]:
         """Return all that has been on the air, in order."""
-        of_other = {Sent(each.start, each.end, each.sender, OTHER) for each in self.told if each.tenant == OTHER}
+        told = {Sent(each.start, each.end, each.sender, each.tenant) for each in self.told}
         frames = [row for row in self.rows("transmissions") if row["radio"] == WIFI]
-        of_wifi = [Sent(row["time_ns"], row["time_ns"] + row["duration_ns"], row["source"], WIFI) for row in frames]
-        return sorted([*of_other, *of_wifi])
+        return sorted(
+            told.union(Sent(row["time_ns"], row["time_ns"] + row["duration_ns"], row["source"], WIFI) for row in frames)
+        )
 
     def received(self) -> list[Sent]:
         """Return what has been received, each as its receiver did."""
