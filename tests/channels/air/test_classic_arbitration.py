@@ -155,12 +155,119 @@ def test_low_energy_and_classic_share_a_robot(seed: int) -> None:
 # ---------------------------------------------------------------- who goes first
 
 
-def saturated(arbitration: bool, until: int = 3 * S) -> Field:
-    """Return two robots with both radios, which meet on 22 of 23 channels, and much to say by both; isolation 0 dB."""
-    classic = {**QUICK, "channels": 23}
-    field = Field([(0, 0), (3, 0)], None, classic, {"rate_mbps": 1, "channel": 1}, 0.0, arbitration)
+def loaded(arbitration: bool, until: int = 3 * S) -> Field:
+    """Return two robots with both radios, which meet on 22 of 23 channels, and much to say by both; isolation 0 dB.
+
+    A frame of robot 0 takes 11.7 ms of 12 ms, and a payload waits 20 ms at most.
+    """
+    classic = {**QUICK, "channels": 23, "flush_s": 0.02}
+    wifi = {"rate_mbps": 1, "channel": 1}
+    field = Field([(0, 0), (3, 0)], None, classic, wifi, isolation_db=0.0, arbitration=arbitration)
     field.link(0, 1)
+    for at in range(S // 2, until - S // 4, 20 * MS):
+        field.at(at, 0, Outgoing(1, bytes(20)))
+        field.at(at, 1, Outgoing(0, bytes(20)))
+    for at in range(S // 2, until - S // 4, 12 * MS):
+        field.at(at, 0, Outgoing(BROADCAST, bytes(1400), None, WIFI))
+    field.until(until)
+    field.close()
     return field
+
+
+def test_both_starve_without_it_and_get_through_with_it() -> None:
+    """Of 113 payloads of the slave 34 arrive without, and 113 with it; of 188 frames of 802.11 38, and 188.
+
+    Payloads of the master wait for a pause, and then need nothing of what its own radios disturb but the answer.
+    """
+    of_slave, of_wifi = 113, 188
+    without, field = loaded(False), loaded(True)
+    assert without.got(0, CLASSIC) < 0.5 * of_slave
+    assert without.got(1, WIFI) < 0.5 * of_wifi
+    assert min(field.got(0, CLASSIC), field.got(1, CLASSIC)) > 0.9 * of_slave
+    assert field.got(1, WIFI) > 0.9 * of_wifi
+    assert at_once(field.sent()) == 0
+
+
+def crowded(until: int = 4 * S) -> Field:
+    """Return an idle piconet whose master hears 802.11 all the time, for itself: its link lives for 0.1 s."""
+    carried = [(CLASSIC, WIFI), (CLASSIC,), (WIFI,), (WIFI,)]
+    classic = {**QUICK, "supervision_s": 0.1}
+    field = Field([(0, 0), (3, 0), (0, 3), (3, 3)], carried, classic, {"rate_mbps": 1})
+    field.link(0, 1)
+    for at in range(300 * MS, until, 24 * MS):
+        for source in (2, 3):
+            field.at(at, source, Outgoing(0, bytes(1400), None, WIFI))
+    field.until(until)
+    field.close()
+    return field
+
+
+def links(field: Field, robot: int) -> list[type]:
+    return [type(event) for _, event in field.hosts[robot].events if isinstance(event, Connected | Lost)]
+
+
+def test_a_link_that_is_lost_soon_goes_before_what_is_received() -> None:
+    field = crowded()
+    assert links(field, 0) == links(field, 1) == [Connected]
+    assert len(field.deferred(CLASSIC)) > 100
+
+
+def test_a_link_that_never_goes_first_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tenancy, "LAST_POLLS", -1)
+    assert Lost in links(crowded(), 0)
+
+
+def test_an_idle_poll_leaves_alone_what_802_11_receives_and_its_answer() -> None:
+    field = Field([(0, 0), (3, 0), (0, 3)], [(CLASSIC, WIFI), (CLASSIC,), (WIFI,)], QUICK, {"rate_mbps": 2})
+    field.link(0, 1)
+    for at in range(300 * MS, 3 * S, 7_654_321):
+        field.at(at, 2, Outgoing(0, bytes(1000), None, WIFI))
+    field.until(3 * S)
+    field.close()
+    polls = np.array([each.start for each in field.sent() if (each.robot, each.radio) == (0, CLASSIC)])
+    rows = [row for row in field.rows("transmissions") if row["radio"] == WIFI]
+    ack = next(row["duration_ns"] for row in rows if row["kind"] == "ACK")
+    ends = HEADER_AIR + SLOT  # of the answer
+    for row in rows:
+        if row["kind"] == "DATA":
+            start, over = row["time_ns"] + DELAY, row["time_ns"] + row["duration_ns"] + SIFS + ack
+            if not np.any((polls < start) & (polls + ends > start)):  # which has begun before
+                assert not np.any((polls > start) & (polls < over))
+    assert len(field.deferred(CLASSIC)) > 20
+
+
+def test_a_payload_of_the_master_goes_before_a_frame_that_has_not_begun() -> None:
+    field = loaded(True)
+    began = np.array([row["time_ns"] for row in field.rows("transmissions") if row["radio"] == WIFI])
+    queued = range(S // 2, 11 * S // 4, 20 * MS)
+    frames = sorted(row["time_ns"] for row in field.rows("transmissions") if row["kind"] in ("DM1", "DH1"))
+    of_master = {row["time_ns"] for row in field.rows("transmissions") if row["source"] == 0}
+    for at in queued:  # no frame begins from then on before the payload does
+        first = next(time for time in frames if time >= at and time in of_master)
+        assert not np.any((began > at) & (began < first)), at
+
+
+def test_slots_that_are_refused_are_no_losses_to_afh() -> None:
+    """Each pair that AFH counts has begun: there is a packet of the master in the table."""
+    counts = []
+    classic = {**QUICK, "afh": True, "afh_interval_s": 100.0}
+    field = Field([(0, 0), (3, 0), (0, 3)], [(CLASSIC, WIFI), (CLASSIC,), (WIFI,)], classic, {"rate_mbps": 2})
+    field.link(0, 1)
+
+    def count() -> None:
+        field.channel.advance(field.kernel.now)
+        counts.append(int(field.channel.parts[CLASSIC].air.adapt().tallies[0].sum()))  # type: ignore[attr-defined]
+
+    since, until = 300 * MS - 7 * US, 3 * S - 7 * US
+    for at in (since, until):
+        field.kernel.at(at, count)
+    for at in range(400 * MS, 2900 * MS, 7_654_321):
+        field.at(at, 2, Outgoing(0, bytes(1000), None, WIFI))
+    field.until(3 * S)
+    field.close()
+    rows = [row for row in field.rows("transmissions") if row["radio"] == CLASSIC and row["source"] == 0]
+    assert counts[1] - counts[0] == sum(since <= row["time_ns"] < until for row in rows) > 50
+    assert len(field.deferred(CLASSIC)) > 20
 
 
 def test_a_slave_that_is_refused_neither_hears_nor_answers() -> None:
@@ -179,3 +286,38 @@ def test_a_slave_that_is_refused_neither_hears_nor_answers() -> None:
         assert row["robot"] == 1
         assert [each.robot for each in told if since <= each.start < until] == [0]
         assert not any(since <= each.start < until for each in heard)
+
+
+# ---------------------------------------------------------------- what does not change
+
+
+def rows(field: Field) -> list[Any]:
+    found = [(name, row) for name in ("transmissions", "receptions", "intervals") for row in field.rows(name)]
+    return sorted([(name, *sorted((key, str(value)) for key, value in row.items())) for name, row in found])
+
+
+def test_who_catches_up_when_changes_nothing() -> None:
+    """The air may be asked, and so have all catch up, at any instants."""
+    alone = rows(busy(1, until=2 * S))
+    assert len(alone) > 5000
+    assert rows(busy(1, until=2 * S, asks=2000)) == alone
+
+
+@pytest.mark.parametrize("carried", [(CLASSIC, WIFI), (CLASSIC,)])
+def test_it_changes_nothing_while_802_11_says_nothing(carried: tuple[int, ...]) -> None:
+    """Or while all robots that say anything by it have one radio."""
+
+    def played(arbitration: bool) -> list[Any]:
+        both = [carried, carried, (WIFI,), (WIFI,)]
+        field = Field([(0, 0), (4, 0), (0, 4), (4, 4)], both, QUICK, isolation_db=0.0, arbitration=arbitration)
+        field.link(0, 1)
+        for number in range(100):
+            at, source = S // 2 + number * 13 * MS, number % 2
+            field.at(at, source, Outgoing(1 - source, bytes(3 * number)))
+            if len(carried) == 1:
+                field.at(at, 2, Outgoing(3, bytes(1000), None, WIFI))
+        field.until(2 * S)
+        field.close()
+        return rows(field)
+
+    assert played(True) == played(False)
