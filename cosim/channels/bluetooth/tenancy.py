@@ -255,7 +255,7 @@ class Tenancy:
         """Judge frames by themselves while nobody else sends, and tell what has been on the air of late after that."""
         now, piconets = self._kernel.now, self._piconets
         piconets.advance(now)
-        frames = () if alone else sorted(self._recent(now - MEMORY))
+        frames = () if alone else sorted(self._recent(max(now - MEMORY, 0)))
         self.alone, self._decided, self._ids_told = alone, now, max(self._ids_told, now - MEMORY)
         piconets.neighbours = None if alone else self
         for frame in frames:

@@ -3,6 +3,7 @@
 What is on the air is told anew from the tables of a run and from what was told to the air, IDs included.
 """
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from cosim.channels.bluetooth.packets import HEADER_AIR
 from cosim.kernel import DELIVER
 from cosim.machine import BROADCAST, Connected, Discovered, Inquire, Lost, Outgoing, Page
 from cosim.units import MS, SLOT, US, S
-from tests.channels.air.arbitrated_field import DELAY, OTHER, WIFI, Field, Sent, across, at_once
+from tests.channels.air.arbitrated_field import DELAY, OTHER, WIFI, Field, across, at_once
 
 CLASSIC = OTHER
 SIFS = 10 * US
@@ -28,6 +29,7 @@ QUICK: dict[str, Any] = {
 """Devices that find each other in some milliseconds."""
 
 
+@cache
 def busy(seed: int, until: int = 3 * S, asks: int = 0, **settings: Any) -> Field:
     """Return a field, played *until* then, whose robots have much to say by both radios.
 
@@ -62,7 +64,8 @@ def busy(seed: int, until: int = 3 * S, asks: int = 0, **settings: Any) -> Field
 def pairs(field: Field) -> list[tuple[int, int, tuple[int, int]]]:
     """Return (start, end, (master, slave)) of each pair of slots that was answered."""
     rows = [row for row in field.rows("transmissions") if row["radio"] == CLASSIC and row["lt_addr"]]
-    found, asked = [], {}
+    found: list[tuple[int, int, tuple[int, int]]] = []
+    asked: dict[tuple[int, int], int] = {}
     for row in sorted(rows, key=lambda row: row["time_ns"]):
         start, ends = row["time_ns"], (row["source"], row["destination"])
         before, master = asked.pop(ends, 0), ends[::-1]
@@ -76,7 +79,7 @@ def pairs(field: Field) -> list[tuple[int, int, tuple[int, int]]]:
 # ---------------------------------------------------------------- one at a time
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_robots_radios_never_send_at_once(seed: int) -> None:
     field = busy(seed)
     sent = field.sent()
@@ -189,10 +192,13 @@ def test_both_starve_without_it_and_get_through_with_it() -> None:
 
 
 def crowded(until: int = 4 * S) -> Field:
-    """Return an idle piconet whose master hears 802.11 all the time, for itself: its link lives for 0.1 s."""
+    """Return an idle piconet whose master hears 802.11 all the time, for itself: its link lives for 0.1 s.
+
+    What it hears is too weak to destroy anything of the piconet.
+    """
     carried = [(CLASSIC, WIFI), (CLASSIC,), (WIFI,), (WIFI,)]
     classic = {**QUICK, "supervision_s": 0.1}
-    field = Field([(0, 0), (3, 0), (0, 3), (3, 3)], carried, classic, {"rate_mbps": 1})
+    field = Field([(0, 0), (1, 0), (0, 25), (1, 25)], carried, classic, {"rate_mbps": 1})
     field.link(0, 1)
     for at in range(300 * MS, until, 24 * MS):
         for source in (2, 3):
