@@ -478,7 +478,8 @@ class _Exchange:
             if seats.refused_until(frame.source, end, Rank.DATA) is not None:
                 self._pending = self._kernel.at(end, partial(then, False))
                 return
-            tuned = tuned and seats.refused_until(frame.destination, end, Rank.DATA) is None
+            if tuned and air.reaches(air.carrier(frame.source, frame.destination)):
+                tuned = seats.refused_until(frame.destination, end, Rank.DATA) is None
         air.put(frame)
         if air.recorded:
             air.latest.append(frame)

@@ -135,7 +135,7 @@ class Slots:
             if self._leaves_out(k, payload is not None, until):
                 self.arm()
                 return
-            listens = listens and self._listens(k, until)
+            listens = listens and self._listens(k, bool(links.table[QUEUED, k]), until)
         waiting = self._queues.first_two(k)
         noted = self._idle_recorded or (self._recorded and (payload is not None or bool(waiting)))
         kind, duration, first = _shape(payload, POLL)
@@ -252,7 +252,8 @@ class Slots:
             self._queues.remove(payload)
         listeners = self._listeners(tick, kind.slots, payload is None)
         if self._air.seats is not None:
-            listeners = [(k, slave, dbm, there and self._listens(k, until)) for k, slave, dbm, there in listeners]
+            data = payload is not None
+            listeners = [(k, slave, dbm, there and self._listens(k, data, until)) for k, slave, dbm, there in listeners]
         frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
         if self._recorded if payload is not None else self._idle_recorded:
             self._air.latest.append(frame._replace(destination=BROADCAST))
@@ -321,13 +322,16 @@ class Slots:
         self.links.piconet[NEXT] = polling.first_slot_at(self.links.piconet, refused)
         return True
 
-    def _listens(self, k: int, until: Time) -> bool:
-        """Return whether another radio of the slave *k*, a link or a parked one, lets it listen and answer *until*."""
+    def _listens(self, k: int, data: bool, until: Time) -> bool:
+        """Return whether other radios of the slave *k*, a link or a parked one, let it listen and answer *until* then.
+
+        *data* is True if it has something to say, or what it hears is a payload for everyone.
+        """
         seats, parked = self._air.seats, self._parking.members.get(k)
         slave = self.links.slaves[k] if parked is None else parked.slave
         if seats is None or not self._air.reaches(self._air.carrier(self.address, slave)):
             return True
-        rank = self._rank(k, HEARD_DOWN, bool(self.links.table[QUEUED, k])) if parked is None else Rank.EMPTY
+        rank = self._rank(k if parked is None else EVERYONE, HEARD_DOWN, data)
         return seats.refused_until(slave, until, rank) is None
 
     def _rank(self, k: int, heard: int, data: bool) -> Rank:
