@@ -309,6 +309,24 @@ def test_a_slave_that_is_refused_neither_hears_nor_answers() -> None:
 # ---------------------------------------------------------------- what does not change
 
 
+def test_a_payload_of_a_slave_goes_with_its_next_poll() -> None:
+    """That is so at all times, and so while there is an event for each poll, as 802.11 is in use."""
+    carried = [(CLASSIC,), (CLASSIC,), (WIFI,), (CLASSIC, WIFI)]
+    field = Field([(0, 0), (1, 0), (0, 40), (5, 40)], carried, QUICK, {"rate_mbps": 1})
+    field.link(0, 1)
+    random, times = np.random.default_rng(47), [S // 2]
+    for _ in range(40):
+        times.append(times[-1] + 60 * MS + int(random.integers(25 * MS)))
+        field.at(times[-1], 1, Outgoing(0, bytes(20)))
+    for at in range(S // 3, times[-1], 9 * MS):
+        field.at(at, 2, Outgoing(BROADCAST, bytes(1000), None, WIFI))
+    field.until(times[-1] + 100 * MS)
+    arrived = [at for at, radio, _, _ in field.hosts[0].heard if radio == CLASSIC]
+    assert len(arrived) == 40
+    t_poll, pair = 25 * MS, 2 * SLOT
+    assert all(late - at < t_poll + pair for at, late in zip(times[1:], arrived, strict=True))
+
+
 def rows(field: Field) -> list[Any]:
     found = [(name, row) for name in ("transmissions", "receptions", "intervals") for row in field.rows(name)]
     return sorted([(name, *sorted((key, str(value)) for key, value in row.items())) for name, row in found])
