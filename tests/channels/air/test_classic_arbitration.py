@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import cosim.channels.bluetooth.tenancy as tenancy
-from cosim.channels.bluetooth.packets import HEADER_AIR
+from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
+from cosim.channels.bluetooth.scanning import sent_ids
+from cosim.intervals import Interval
 from cosim.kernel import DELIVER
 from cosim.machine import BROADCAST, Connected, Discovered, Inquire, Lost, Outgoing, Page
 from cosim.units import MS, SLOT, US, S
@@ -134,6 +136,24 @@ def test_inquiries_and_pages_come_to_their_ends() -> None:
     events = [event for _, event in busy(0).hosts[4].events]
     assert any(isinstance(event, Discovered) and event.peer == 5 for event in events)
     assert any(isinstance(event, Connected) and event.peer == 5 for event in events)
+
+
+def test_ids_are_those_of_the_table_without_those_that_were_refused() -> None:
+    field = busy(0)
+    since, until = S + 200 * MS, S + 900 * MS  # in which 802.11 is in use
+    own = [row for row in field.rows("intervals") if row["robot"] == 4 and row["radio"] == CLASSIC]
+    silences = [(row["start_ns"] - 1, row["end_ns"]) for row in own if row["state"] == "deferred"]
+    assert len(silences) > 5
+    frames = [row for row in field.rows("transmissions") if row["kind"] == "FHS" and row["destination"] == 4]
+    silences += [(row["time_ns"], row["time_ns"] + row["duration_ns"]) for row in frames]  # all are received
+    found: list[int] = []
+    for row in own:
+        if row["state"] == "inquiry":
+            train = Interval(row["start_ns"], 4, row["end_ns"], CLASSIC, row["state"], row["detail"])
+            found += sent_ids(train, since, until, silences)[0].tolist()
+    ids = [each for each in field.told if each.sender == 4 and each.end - each.start == ID_AIR]
+    assert found == [each.start for each in ids if since <= each.start < until]
+    assert len(found) > 500
 
 
 def test_refusals_are_in_the_trace() -> None:
