@@ -130,7 +130,7 @@ class RadiosSettings(ChannelSettings):
         for radio, each in enumerate(self.radios if self.arbitration else ()):
             if not channel_spec(each.kind).arbitrated:
                 place = "radios", radio, "kind"
-                raise error_at(place, each.kind, "has no arbitration so far: only 802.11 and Low Energy have")
+                raise error_at(place, each.kind, "has no arbitration")
         return self
 
 

@@ -109,6 +109,11 @@ class Neighbours:
     def others_changed(self, alone: bool) -> None:
         """Do nothing: frames are told when somebody asks."""
 
+    @property
+    def punctual(self) -> bool:
+        """False: stations send by events."""
+        return False
+
     def begins_after(self, time: Time) -> Time:
         """Return NEVER: stations send by events."""
         return NEVER

@@ -32,12 +32,14 @@ class Rank(IntEnum):
 
 
 PRIORITIES: Final[dict[Rank, str]] = {
-    Rank.BEGUN: "what has begun: a frame of 802.11 with the time that it reserves for answers, an event of Low Energy",
-    Rank.SUPERVISION: "an event of a link that is lost soon if nothing is heard",
+    Rank.BEGUN: "what has begun: a frame of 802.11 with the time that it reserves for answers, an event of Low Energy, "
+    "a pair of slots of Bluetooth",
+    Rank.SUPERVISION: "an event, or a pair, of a link that is lost soon if nothing is heard",
     Rank.RECEPTION: "a frame of 802.11 that is being received, and is for this robot or for all, and its answer",
-    Rank.DATA: "an event of a link with something of this robot to send, a payload for everyone, a request for a link",
+    Rank.DATA: "an event, or a pair, of a link with something of this robot to send, a payload for everyone, "
+    "a request for a link",
     Rank.FRAME: "a frame of 802.11 that has not begun",
-    Rank.EMPTY: "an event with nothing of this robot to send, advertising, a request for a name",
+    Rank.EMPTY: "an event, or a pair, with nothing of this robot to send, advertising, a request for a name, an ID",
 }
 """What goes first, in that order; what is not here, such as scanning, asks for nothing.
 

@@ -2,7 +2,7 @@
 
 Whoever sends by an event of the kernel tells so at once. What follows from arithmetic is told when somebody asks, as in
 any band; but a radio that listens before it talks must notice it as it begins. So while such a radio is attentive,
-there is an event whenever one of the others begins to send by itself.
+there is an event whenever one of the others begins to send by itself. So there is for who asks an arbiter before that.
 
 While all others are silent a channel is alone, and need not tell anybody anything. As soon as one of them is about to
 send, the channel tells what has been on the air of late.
@@ -40,6 +40,10 @@ class Neighbour(Tenant, Protocol):
     @property
     def attentive(self) -> bool:
         """True if it must notice what others send as it begins."""
+
+    @property
+    def punctual(self) -> bool:
+        """True if it must be there, after all else of that instant, whenever it begins to send by itself."""
 
     def begins_after(self, time: Time) -> Time:
         """Return the first instant after *time* at which it begins to send by itself; NEVER if there is none."""
@@ -162,35 +166,40 @@ class SharedAir:
 
     def _wait(self, after: Time) -> None:
         """Be there when a channel that is heard begins to send by itself, later than *after*."""
-        due = min((each.begins_after(after) for each in self._heard_by_others()), default=NEVER)
+        due = min((each.begins_after(after) for each in self._awaited()), default=NEVER)
         if self._due is not None:
             if self._due.time == due:
                 return
             self._due.cancel()
             self._due = None
         if due < NEVER:
-            self._due = self._kernel.at(due, self._send_due, AIR)
+            arrive = self._arrive if any(each.punctual for each in self._neighbours) else self._send_due
+            self._due = self._kernel.at(due, arrive, AIR)
 
     def reconsider_soon(self) -> None:
         """Do so at the end of this instant, as a channel may change until then when it begins to send by itself."""
-        if self._soon is None and any(each.attentive for each in self._neighbours):
+        if self._soon is None and any(each.attentive or each.punctual for each in self._neighbours):
             self._soon = self._kernel.at(self._kernel.now, self._reconsider, AIR)
 
     def _reconsider(self) -> None:
         self._soon = None
         self.reconsider()
 
+    def _arrive(self) -> None:
+        """Let what else begins at this instant be decided before what begins by itself."""
+        self._due = self._kernel.at(self._kernel.now, self._send_due, AIR)
+
     def _send_due(self) -> None:
         self._due = None
         now = self._kernel.now
-        for each in self._heard_by_others():
+        for each in self._awaited():
             if each.begins_after(now - 1) == now:
                 each.send_due(now)
         self._wait(now)
 
-    def _heard_by_others(self) -> list[Neighbour]:
-        """Return the channels to which another one is attentive."""
+    def _awaited(self) -> list[Neighbour]:
+        """Return the channels to which another one is attentive, and those that are punctual."""
         attentive = [each for each in self._neighbours if each.attentive]
-        if len(attentive) == 1:
-            return [each for each in self._neighbours if each is not attentive[0]]
-        return self._neighbours if attentive else []
+        if len(attentive) > 1:
+            return self._neighbours
+        return [each for each in self._neighbours if each.punctual or (attentive and each is not attentive[0])]

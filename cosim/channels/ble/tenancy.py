@@ -146,6 +146,11 @@ class Tenancy:
     def hear(self, emission: Emission) -> None:
         """Do nothing."""
 
+    @property
+    def punctual(self) -> bool:
+        """False: what asks an arbiter has events of its own."""
+        return False
+
     def begins_after(self, time: Time) -> Time:
         """Return the first instant after *time* at which something that follows from arithmetic may begin."""
         return min((following(time) for following in self.nexts), default=NEVER)

@@ -29,6 +29,7 @@ from cosim.channels.bluetooth.medium import (
     heard_of,
     is_full,
     judge,
+    listens,
     note_begun,
     put,
 )
@@ -174,7 +175,8 @@ def _poll(
     piconet[NEXT] = tick + 4
     piconet[IDLE] += 1
     piconet[POLLS] += 1
-    piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = tick, k, links[HERE, k]
+    here = links[HERE, k] if listens(foreign, slave, time_of(piconet, tick)) else 0
+    piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = tick, k, here
     if medium is not None:
         start = time_of(piconet, tick)
         channel = _channel(band, adapted, p, tick)
@@ -376,6 +378,20 @@ def run_alone(
                 _note(log[count], p, piconet, up, fate)
                 count += 1
     piconet[NEXT] = max(piconet[NEXT], end)
+    return count
+
+
+@njit(cache=True)
+def polls_at(piconets: Int64s, links_of: Int64s, time: int, found: Int64s) -> int:
+    """Write (master, LT_ADDR) of the idle pairs that are to begin at *time* to *found*, (n, 2); return how many."""
+    count = 0
+    for p in range(len(piconets)):
+        piconet = piconets[p]
+        if piconet[RUNNING] and not piconet[STAGE]:
+            tick, k = next_poll(piconet, links_of[p], links_of[p][DUE], piconet[NEXT])
+            if tick != NEVER and time_of(piconet, tick) == time:
+                found[count, 0], found[count, 1] = p, k
+                count += 1
     return count
 
 

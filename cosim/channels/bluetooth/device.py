@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 import cosim.elementary as elementary
+from cosim.channels.air.arbitration import Arbitration, Rank
 from cosim.channels.air.shared import SharedAir
 from cosim.channels.base import Arrival, Channel, Flying, Positions
 from cosim.channels.bluetooth.bits.powers import POWER_DBM
@@ -22,6 +23,7 @@ from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
 from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
 from cosim.channels.bluetooth.reporting.metering import Meter, Parked
+from cosim.channels.bluetooth.reporting.seats import Seats
 from cosim.channels.bluetooth.reporting.tenancy import Tenancy
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
@@ -117,6 +119,8 @@ class BluetoothChannel(Channel):
             self._record_arrived if wanted[RECEPTIONS] else None,
             None if shared is None else partial(Tenancy, shared, kernel, np.array(powers_dbm)),
         )
+        if shared is not None and shared.arbitration is not None:
+            self._arbitrate(shared.arbitration)
         self._transport = (
             None
             if settings.host_bps is None
@@ -148,6 +152,24 @@ class BluetoothChannel(Channel):
     def _uses(self, address: Address, now: Time) -> Uses:
         self.air.advance(now)
         return self._meter.uses(address, now)
+
+    def _arbitrate(self, arbitration: Arbitration) -> None:
+        """Have devices ask before they send, if their robots have other radios in the air."""
+        tenancy = self.air.tenancy
+        assert tenancy is not None
+        supervision = self.settings.piconet.supervision
+        seats = Seats(arbitration, tenancy.number, self.kernel, self.size, supervision, self.intervals)
+        if seats.taken:
+            seats.planned = self._planned_until
+            self.air.seats = seats
+            tenancy.arbitrate(seats)
+
+    def _planned_until(self, address: Address, start: Time, end: Time, rank: Rank) -> Time | None:
+        """Return the end of what a device is to do in its piconets in [start, end) that is more than *rank*."""
+        device = self.devices[address]
+        piconets = device.master_of, *device.masters.values()
+        ends = [piconet.planned_until(address, start, end, rank) for piconet in piconets]
+        return max((each for each in ends if each is not None), default=None)
 
     # ------------------------------------------------------------ hosts' payloads and commands
 

@@ -21,6 +21,7 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.bluetooth.bits.errors import HEADER
 from cosim.channels.bluetooth.hopping import (
     GIAC,
@@ -31,7 +32,7 @@ from cosim.channels.bluetooth.hopping import (
     scan_channels,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Fate, Frame, Radio
+from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Fate, Frame, Radio, was_sent
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -209,7 +210,7 @@ class InquiryScanner:
     def _hear(self, inquiry: "Inquiry", meeting: Meeting, frame: Frame, carrier_dbm: float) -> None:
         """Hear an ID at its end, if nothing has destroyed it."""
         start, end = frame.start, frame.start + ID_AIR
-        if self._air.judge(frame, self.address, carrier_dbm) is not GOOD:
+        if not was_sent(self._air, frame) or self._air.judge(frame, self.address, carrier_dbm) is not GOOD:
             self._expect(inquiry, meeting.tick + 1)
             return
         inquiry.record_id(frame)
@@ -235,12 +236,14 @@ class InquiryScanner:
         clkn = self.clock.tick(start)
         channel = inquiry_response_channel(clkn, self.n + 16 * meeting.second, inquiry.word)
         frame = Frame(start, FHS_AIR, "FHS", self.address, inquiry.address, channel)
-        self._air.put(frame)
-        if self._air.recorded:
-            self._air.latest.append(frame)
-        inquiry.reply(frame, meeting.tick, clkn)
-        self.n += 1
         end = start + FHS_AIR
+        seats = self._air.seats
+        if seats is None or seats.refused_until(self.address, end, Rank.EMPTY) is None:
+            self._air.put(frame)
+            if self._air.recorded:
+                self._air.latest.append(frame)
+            inquiry.reply(frame, meeting.tick, clkn)
+            self.n += 1
         self._answers_until = end
         self._scan(end if self._backs_off_first else self.clock.at_local(self._backoff(heard, end)))
         self._plan(Phase(start, "inquiry_response"), Phase(end, "inquiry_backoff"))
@@ -367,7 +370,11 @@ class Inquiry:
         if self._locked is not None and frame.start < self._locked.end:
             return TAKEN
         fate = self._air.judge_id(frame, self.address, reply.carrier_dbm)
-        return None if fate is GOOD else fate
+        if fate is not GOOD:
+            return fate
+        seats = self._air.seats
+        refused = seats is not None and seats.refused_until(self.address, reply.end, Rank.EMPTY) is not None
+        return TAKEN if refused else None
 
     def _judge(self, reply: _Reply) -> None:
         """Record the fate of an FHS at its end, and report a device that is new."""

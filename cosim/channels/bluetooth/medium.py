@@ -17,7 +17,7 @@ import numpy as np
 
 import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
-from cosim.channels.air.emissions import COLUMNS, Table, Tuning, others_mw
+from cosim.channels.air.emissions import COLUMNS, Table, Tuning, others_mw, sends_otherwise
 from cosim.channels.air.jammers import LOWEST_MHZ
 from cosim.channels.air.spectra import CLASSIC, STEPS_PER_MHZ, shares
 from cosim.channels.bluetooth.bits.errors import (
@@ -57,6 +57,7 @@ COLLIDED: Final = 0
 BIT_ERRORS: Final = 4
 OUT_OF_RANGE: Final = 8
 NOT_TUNED: Final = 9
+BUSY: Final = 10
 MET: Final = 16
 """Bit added to a fate if anything overlapped the frame."""
 
@@ -147,6 +148,10 @@ class Foreign(NamedTuple):
     """(room, BEGUN_FIELDS): idle frames that have begun and are to be told there; without room if none are."""
     noted: Int64s
     """(1,): their number."""
+    held: Int64s
+    """(n,): instants before which devices do not listen to their masters, as another radio of the robot has the air."""
+    arbitrated: bool
+    """True if a device is deaf while another radio of its robot sends."""
 
 
 def new_medium(size: int, mode: int) -> Medium:
@@ -163,7 +168,8 @@ def jamming(jammers: Sequence[Jammer], size: int) -> Foreign:
     """Return *jammers* whom none of *size* devices receives yet, in an air of Bluetooth's own."""
     alone = Table(np.zeros((1, COLUMNS), np.int64), np.zeros(1), np.zeros(2, np.int64), np.zeros((1, 1, 1)), shares())
     begun = np.zeros((0, BEGUN_FIELDS), np.int64)
-    return Foreign(jam_records(jammers), np.zeros((len(jammers), size)), alone, 0, begun, np.zeros(1, np.int64))
+    noted, held = np.zeros(1, np.int64), np.zeros(size, np.int64)
+    return Foreign(jam_records(jammers), np.zeros((len(jammers), size)), alone, 0, begun, noted, held, False)
 
 
 def records(shape: int | tuple[int, ...], fields: "np.dtype[np.void]") -> Records:
@@ -198,6 +204,23 @@ def is_full(foreign: Foreign | None) -> bool:
     if foreign is not None:  # noqa: SIM102
         if len(foreign.begun) > 0:
             return bool(foreign.noted[0] + 1 >= len(foreign.begun))
+    return False
+
+
+@njit(cache=True, borrows=True)
+def listens(foreign: Foreign | None, device: int, start: int) -> bool:
+    """Return whether *device* listens to its master at *start*, for all that its robot's other radios do."""
+    if foreign is not None:
+        return bool(foreign.held[device] <= start)
+    return True
+
+
+@njit(cache=True, borrows=True)
+def _is_deaf(foreign: Foreign | None, receiver: int, start: int, end: int) -> bool:
+    """Return whether another radio of the *receiver* has sent in [start, end), where an arbiter divides the air."""
+    if foreign is not None:  # noqa: SIM102  # numba leaves out what is behind a plain test for None only
+        if foreign.arbitrated:
+            return sends_otherwise(foreign.table, receiver, foreign.tenant, start, end)
     return False
 
 
@@ -358,6 +381,8 @@ def judge(
     longer than an ID is access code only; noise breaks that as often as one with a trailer. Everything that starts
     before *end* must be on the air by now.
     """
+    if _is_deaf(foreign, receiver, start, end):
+        return BUSY + MET
     lost = broken(noise, source, receiver, start, carrier_dbm, bits, coded)
     met = _interference_mw(medium, foreign, source, receiver, channel, start, end) > 0.0
     carrier = elementary.exp10(carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE if met else 0.0

@@ -21,6 +21,7 @@ from typing import Final, Literal, TypeAlias
 
 from pydantic import Field
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.bluetooth.hopping import (
     KOFFSET,
     NARROW,
@@ -31,7 +32,7 @@ from cosim.channels.bluetooth.hopping import (
     slave_response_channel,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, HEADER_AIR, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Frame, Radio
+from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Frame, Radio, was_sent
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -308,7 +309,7 @@ class Page:
             self._seek(meeting.tick + 1)
 
     def _heard(self, meeting: Meeting, frame: Frame, carrier_dbm: float) -> None:
-        if self.air.judge(frame, self.scanner.address, carrier_dbm) is not GOOD:
+        if not was_sent(self.air, frame) or self.air.judge(frame, self.scanner.address, carrier_dbm) is not GOOD:
             self._seek(meeting.tick + 1)
             return
         if self.air.record_sent is not None:
@@ -471,7 +472,14 @@ class _Exchange:
         self._transmit(frame, tuned, then)
 
     def _transmit(self, frame: Frame, tuned: bool, then: _Then) -> None:
-        air = self._page.air
+        air, seats = self._page.air, self._page.air.seats
+        if seats is not None:
+            end = frame.start + frame.duration
+            if seats.refused_until(frame.source, end, Rank.DATA) is not None:
+                self._pending = self._kernel.at(end, partial(then, False))
+                return
+            if tuned and air.reaches(air.carrier(frame.source, frame.destination)):
+                tuned = seats.refused_until(frame.destination, end, Rank.DATA) is None
         air.put(frame)
         if air.recorded:
             air.latest.append(frame)

@@ -20,6 +20,7 @@ next payload is new. Broadcasts, which are not acknowledged, do not expire.
 
 from collections.abc import Callable
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.afh import Adaptation
 from cosim.channels.bluetooth.links import Links, Memberships, Parking, Presence
@@ -31,6 +32,7 @@ from cosim.channels.bluetooth.polling import (
     HEARD_DOWN,
     HEARD_UP,
     HELD,
+    HERE,
     JOINED,
     MOST_SLAVES,
     NEXT,
@@ -255,6 +257,24 @@ class Piconet:
         if free <= tick and polling.overdue(self.links.piconet, self.links.table, tick) == NOTHING:
             return None
         return self.clock.time_of(free if free > tick else tick + 4)
+
+    def planned_until(self, device: Address, start: Time, end: Time, rank: Rank) -> Time | None:
+        """Return the end of the next pair in [start, end) that is more to *device*, its master or a slave, than *rank*.
+
+        What there is to say, and how soon a link is lost, is as it is known now; all slots before now are decided. None
+        if there is no such pair.
+        """
+        links = self.links
+        if not links.piconet[RUNNING]:
+            return None
+        if device == self.address:
+            ends = [self._slots.own_until(start, end)] if rank < Rank.DATA else []
+            ends += [self._slots.turn_until(k, HEARD_UP, start, end, rank) for k in links.held()]
+        else:
+            k = links.lt_addr.get(device, NOTHING)
+            there = links.up(k, JOINED) and links.table[HERE, k]
+            ends = [self._slots.turn_until(k, HEARD_DOWN, start, end, rank)] if there else []
+        return max((each for each in ends if each is not None), default=None)
 
     def counts(self) -> dict[str, int]:
         """Return the number of frames sent so far by packet type, and of polls without a payload on either side."""

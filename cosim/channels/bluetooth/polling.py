@@ -329,6 +329,22 @@ def next_served(piconet: State, links: State) -> int:
     return NOTHING
 
 
+@njit(cache=True)
+def next_turn(piconet: State, links: State, wanted: int, until: int) -> int:
+    """Return the tick at which the idle schedule comes to link *wanted* next, if that is before *until*, or NOTHING."""
+    due = links[DUE].copy()
+    tick = piconet[NEXT]
+    for _ in range(1 << 16):
+        tick, k = next_poll(piconet, links, due, tick)
+        if tick == NEVER or time_of(piconet, tick) >= until:
+            break
+        if k == wanted:
+            return tick
+        due[k] = tick + piconet[T_POLL]
+        tick += 4
+    return NOTHING
+
+
 @njit(cache=True, borrows=True)
 def overdue(piconet: State, links: State, tick: int) -> int:
     """Return the link that must be addressed at *tick*, or NOTHING."""

@@ -22,7 +22,17 @@ from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, LOG_POWERS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
-from cosim.channels.bluetooth.medium import BIT_ERRORS, MET, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Foreign, Noise, Records
+from cosim.channels.bluetooth.medium import (
+    BIT_ERRORS,
+    BUSY,
+    MET,
+    NOT_TUNED,
+    OUT_OF_RANGE,
+    RECEIVED,
+    Foreign,
+    Noise,
+    Records,
+)
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.polling import (
     PAIR_LINK,
@@ -35,6 +45,7 @@ from cosim.channels.bluetooth.polling import (
     WORD,
 )
 from cosim.channels.bluetooth.reporting.metering import LOG_ROWS, Meter
+from cosim.channels.bluetooth.reporting.seats import Seats
 from cosim.channels.bluetooth.reporting.tenancy import Tenancy
 from cosim.channels.clock import NativeClock, start_of
 from cosim.channels.courses import Courses
@@ -70,7 +81,7 @@ class Heard(StrEnum):
     NOT_TUNED = "not_tuned"
     """The receiver listened on another channel, or not at all."""
     BUSY = "busy"
-    """The receiver was in the middle of another frame."""
+    """The receiver was in the middle of another frame, or another radio of the robot has sent."""
     REFUSED = "refused"
     """The receiver had no room for the payload (flow control)."""
 
@@ -112,10 +123,11 @@ FATES: Final[tuple[Fate, ...]] = (
     *(Fate(Heard.BIT_ERRORS, part) for part in _PARTS[1:]),
     Fate(Heard.OUT_OF_RANGE),
     Fate(Heard.NOT_TUNED),
+    Fate(Heard.BUSY),
 )
 """The fates by the numbers that compiled functions return."""
 assert FATES[BIT_ERRORS + 1].heard is Heard.BIT_ERRORS
-GOOD, FAR, UNTUNED, TAKEN = FATES[RECEIVED], FATES[OUT_OF_RANGE], FATES[NOT_TUNED], Fate(Heard.BUSY)
+GOOD, FAR, UNTUNED, TAKEN = (FATES[number] for number in (RECEIVED, OUT_OF_RANGE, NOT_TUNED, BUSY))
 REFUSED: Final = Fate(Heard.REFUSED)
 
 
@@ -135,6 +147,11 @@ class Frame(NamedTuple):
     """Logical transport address; 0 for a broadcast and outside of a piconet."""
     length: int = 0
     """User payload in bytes."""
+
+
+def was_sent(air: "Air", frame: Frame) -> bool:
+    """Return whether the *frame* of a train has been sent, for all that other radios of its sender do."""
+    return air.seats is None or air.seats.has_sent_id(frame.source, frame.start)
 
 
 IdleFrame: TypeAlias = Callable[[int, int, bool, Fate, float, float], None]
@@ -175,6 +192,8 @@ class Air:
         """Its place in an air that others share,"""
         self.neighbours: Tenancy | None = None
         """which is this as long as they send anything."""
+        self.seats: Seats | None = None
+        """Where devices ask before they send, if arbiters divide the air between a robot's radios."""
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
         self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
@@ -268,10 +287,11 @@ class Air:
                 self._alone = self.stray <= now
             if self._master is None:
                 self._advance_together(now, last_end)
-            elif self._alone and self.meter is None:
-                bands.run_alone(*self.band, self.noise, self.adapted, self._master, now, last_end, None)
             elif self._alone:
-                self._log_alone(self._master, now, last_end, self.meter.log)
+                if self.meter is None:
+                    bands.run_alone(*self.band, self.noise, self.adapted, self._master, now, last_end, None)
+                else:
+                    self._log_alone(self._master, now, last_end, self.meter.log)
         if now >= self._closing:
             self._forget_trains(now)
 

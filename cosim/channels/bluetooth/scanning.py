@@ -285,7 +285,8 @@ def sent_ids(
     how many ticks the sender of a page takes the other's clock to be ahead (``estimate``).
 
     An inquirer sends none while it receives an answer: at no instant after the start of such an FHS and before its end,
-    which are the *silences*. Raise ValueError for a row that is not of a train.
+    which are the *silences*. Nor does a device that was refused the air (``air.arbitration``): a row ``deferred`` is a
+    silence from 1 ns before its start on. Raise ValueError for a row that is not of a train.
     """
     words = dict(word.split("=", 1) for word in row.detail.split())
     if row.state not in ("inquiry", "page"):

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import Final, TypeAlias
 
+from cosim.channels.air.arbitration import Rank
 from cosim.channels.base import Arrival
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.packets import HEADER_AIR, NULL, POLL, PacketType
 from cosim.channels.bluetooth.polling import (
+    ARQN,
     EVERYONE,
     FULL_UNTIL,
     HEARD_DOWN,
@@ -23,6 +25,7 @@ from cosim.channels.bluetooth.polling import (
     JOINED,
     NEXT,
     NOTHING,
+    QUEUED,
     RUNNING,
     SEEN_DOWN,
     SEQ_DOWN,
@@ -126,6 +129,13 @@ class Slots:
     def _ask(self, tick: int, k: int, payload: Payload | None) -> None:
         """Send *payload*, or POLL, to the slave *k*; the next slot is known when the pair is over."""
         links, air, slave = self.links, self._air, self.links.slaves[k]
+        listens = bool(links.table[HERE, k])
+        if air.seats is not None:
+            until = self._pair_ends(tick, k, payload)
+            if self._leaves_out(k, payload is not None, until):
+                self.arm()
+                return
+            listens = listens and self._listens(k, bool(links.table[QUEUED, k]), until)
         waiting = self._queues.first_two(k)
         noted = self._idle_recorded or (self._recorded and (payload is not None or bool(waiting)))
         kind, duration, first = _shape(payload, POLL)
@@ -136,11 +146,19 @@ class Slots:
         if answer is not None:
             self._schedule.sized(answer, up=True).chosen = True
         carriers = air.carrier(self.address, slave), air.carrier(slave, self.address)
-        pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
+        pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, listens, noted)
         frame = self._send(tick, kind, duration, self.address, slave, k, payload, tick)
         if noted:
             air.latest.append(frame)
         self._kernel.after(duration, partial(self._asked, pair, frame))
+
+    def _pair_ends(self, tick: int, k: int, payload: Payload | None) -> Time:
+        """Return when the pair that begins at *tick* with *payload*, or POLL, to the slave *k* is over."""
+        waiting, acknowledged = self._queues.first_two(k), int(self.links.table[ARQN, k])
+        air = HEADER_AIR
+        if len(waiting) > acknowledged and not self._full_until(self.address, self.links.slaves[k]):
+            air = self._schedule.sized(waiting[acknowledged], up=True).air
+        return self.clock.time_of(tick + 2 * (1 if payload is None else payload.kind.slots)) + air
 
     def _asked(self, pair: _Pair, frame: Frame) -> None:
         """End the master's frame: the slave may hear it, take its payload, and answer."""
@@ -228,12 +246,18 @@ class Slots:
     def _broadcast(self, tick: int, payload: Payload | None) -> None:
         """Send *payload*, or an empty beacon, to all."""
         kind, duration, _ = _shape(payload, NULL)
+        until = self._kernel.now + duration
+        if self._leaves_out(EVERYONE, payload is not None, until):
+            return
         self.links.piconet[NEXT] = tick + 2 * kind.slots + 2
         self._parking.sent(tick)
         last = payload is not None and payload.tries + 1 >= self._n_bc
         if payload is not None and last:
             self._queues.remove(payload)
         listeners = self._listeners(tick, kind.slots, payload is None)
+        if self._air.seats is not None:
+            data = payload is not None
+            listeners = [(k, slave, dbm, there and self._listens(k, data, until)) for k, slave, dbm, there in listeners]
         frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
         if self._recorded if payload is not None else self._idle_recorded:
             self._air.latest.append(frame._replace(destination=BROADCAST))
@@ -285,6 +309,65 @@ class Slots:
             events = self._queues.ended(payload, self.address, Outcome.SENT)
         if arrivals or events:
             self._deliver(arrivals, events)
+
+    # ------------------------------------------------------------ other radios of the same robots
+
+    def _leaves_out(self, k: int, data: bool, until: Time) -> bool:
+        """Return whether the master must not begin now what lasts *until* then; it is silent for as long as that.
+
+        That is a packet to link *k*, or to all, and its answer; *data* is True if the packet has a payload.
+        """
+        seats = self._air.seats
+        if seats is None:
+            return False
+        refused = seats.refused_until(self.address, until, self._rank(k, HEARD_UP, data))
+        if refused is None:
+            return False
+        self.links.piconet[NEXT] = polling.first_slot_at(self.links.piconet, refused)
+        return True
+
+    def _listens(self, k: int, data: bool, until: Time) -> bool:
+        """Return whether other radios of the slave *k*, a link or a parked one, let it listen and answer *until* then.
+
+        *data* is True if it has something to say, or what it hears is a payload for everyone.
+        """
+        seats, parked = self._air.seats, self._parking.members.get(k)
+        slave = self.links.slaves[k] if parked is None else parked.slave
+        if seats is None or not self._air.reaches(self._air.carrier(self.address, slave)):
+            return True
+        rank = self._rank(k if parked is None else EVERYONE, HEARD_DOWN, data)
+        return seats.refused_until(slave, until, rank) is None
+
+    def _rank(self, k: int, heard: int, data: bool) -> Rank:
+        seats, piconet, table = self._air.seats, self.links.piconet, self.links.table
+        if seats is None or k == EVERYONE:
+            return Rank.DATA if data else Rank.EMPTY
+        return seats.rank(piconet, table, k, heard, data, self._kernel.now)
+
+    def own_until(self, start: Time, end: Time) -> Time | None:
+        """Return the end of the next pair in [start, end) in which the master sends a payload; None for nothing."""
+        head = self._queues.head(EVERYONE)
+        tick = NOTHING if head is None else self._schedule.next_slot()
+        if head is None or tick == NOTHING or self.clock.time_of(tick) >= end:
+            return None
+        over = self.clock.time_of(tick + 2 * head.kind.slots) + HEADER_AIR
+        return over if over > start else None
+
+    def turn_until(self, k: int, heard: int, start: Time, end: Time, rank: Rank) -> Time | None:
+        """Return the end of the next turn of link *k* in [start, end), if that is of more than *rank* to a side of it.
+
+        That is the one to which the row *heard* belongs. None for nothing.
+        """
+        seats, piconet, table = self._air.seats, self.links.piconet, self.links.table
+        data = heard == HEARD_DOWN and bool(table[QUEUED, k])
+        if seats is None or seats.rank(piconet, table, k, heard, data, end) <= rank:
+            return None
+        tick = polling.next_turn(piconet, table, k, end)
+        if tick == NOTHING:
+            return None
+        over = self.clock.time_of(tick + 2) + HEADER_AIR
+        begin = self.clock.time_of(tick)
+        return over if over > start and seats.rank(piconet, table, k, heard, data, begin) > rank else None
 
     # ------------------------------------------------------------ packets
 

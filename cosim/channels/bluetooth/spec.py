@@ -32,6 +32,11 @@ def _fades(settings: BluetoothSettings) -> PropagationSettings | None:
 
 
 SPEC: Final = ChannelSpec(
-    BluetoothSettings, _made, links=lambda settings: MOST_SLAVES, payload_bytes=_payload_bytes, fades=_fades
+    BluetoothSettings,
+    _made,
+    links=lambda settings: MOST_SLAVES,
+    payload_bytes=_payload_bytes,
+    fades=_fades,
+    arbitrated=True,
 )
 """The channel."""

@@ -1,12 +1,13 @@
 """Arbitration between a robot's own radios: what is on the air, told anew from the tables of a run and what was told.
 
 Low Energy puts advertising on the air that is in no table: what it tells the air is written down as it is told.
+Bluetooth classic has a file of its own.
 """
 
-from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,117 +15,25 @@ from pydantic import ValidationError
 
 import cosim.channels.ble.device as device
 import cosim.channels.ble.session as session
+import cosim.channels.radios as radios
 from cosim.channels.air.arbitration import PRIORITIES, Arbitration, Rank
-from cosim.channels.air.band import Emission
 from cosim.channels.ble.connections.channel_map import ChannelMap
 from cosim.channels.ble.phy import T_IFS
+from cosim.channels.kinds import channel_spec
 from cosim.channels.radios import RadiosSettings
 from cosim.intervals import Intervals
 from cosim.kernel import DELIVER
 from cosim.machine import BROADCAST, Connected, Disconnect, Fate, Inquire, LinkEvent, Lost, Outgoing, Page, Scan
-from cosim.trace import INTERVALS, RECEPTIONS, TRANSMISSIONS, Trace
+from cosim.trace import INTERVALS, Trace
 from cosim.units import MS, US, S
-from tests.channels.air.shared_field import FREE, SharedField
+from tests.channels.air.arbitrated_field import DELAY, OTHER, WIFI, Field, across, at_once
+from tests.channels.air.shared_field import FREE
 from tests.checkout import ROOT
 
-BLE, WIFI = 0, 1  # numbers of radios
-DELAY = US  # of the propagation of 802.11
+BLE = OTHER
 SIFS = 10 * US
 IN_BAND = ChannelMap(tuple(range(12, 20)))
 """Channels of Low Energy within 8 MHz of 802.11's channel 6."""
-
-
-class Sent(NamedTuple):
-    """Something on the air."""
-
-    start: int
-    end: int
-    robot: int
-    radio: int
-
-
-class Field(SharedField):
-    """Robots of which some have both radios; what Low Energy tells the air is kept."""
-
-    def __init__(
-        self,
-        places: Sequence[tuple[float, float]],
-        carried: Sequence[Sequence[int]] | None = None,
-        ble: dict[str, Any] | None = None,
-        wifi: dict[str, Any] | None = None,
-        **settings: Any,
-    ) -> None:
-        radios = [{"kind": "ble", **(ble or {})}, {"kind": "adhoc", "channel": 6, "rate_mbps": 11, **(wifi or {})}]
-        tables = TRANSMISSIONS, RECEPTIONS, INTERVALS
-        super().__init__(radios, places, carried, tables, **{"arbitration": True, **settings})
-        self.size = len(places)
-        self.told: list[Emission] = []
-        air = self.channel._air
-        assert air is not None
-        tell = air.tell
-
-        def noted(emission: Emission) -> None:
-            self.told.append(emission)
-            tell(emission)
-
-        air.tell = noted  # type: ignore[method-assign]
-        self.air = air
-
-    def link(self, central: int, *peripherals: int) -> None:
-        self.at(MS, central, *(Page(peer) for peer in peripherals))
-
-    def sent(self) -> list[Sent]:
-        """Return all that has been on the air, in order."""
-        of_ble = {Sent(each.start, each.end, each.sender, BLE) for each in self.told if each.tenant == BLE}
-        frames = [row for row in self.rows("transmissions") if row["radio"] == WIFI]
-        of_wifi = [Sent(row["time_ns"], row["time_ns"] + row["duration_ns"], row["source"], WIFI) for row in frames]
-        return sorted([*of_ble, *of_wifi])
-
-    def received(self) -> list[Sent]:
-        """Return what has been received, each as its receiver did."""
-        ends = {
-            (row["time_ns"], row["source"], row["radio"]): row["time_ns"] + row["duration_ns"]
-            for row in self.rows("transmissions")
-        }
-        heard = []
-        for row in self.rows("receptions"):
-            if row["outcome"] == "received":
-                late = DELAY if row["radio"] == WIFI else 0
-                start = row["time_ns"]
-                end = ends[start, row["source"], row["radio"]]
-                heard.append(Sent(start + late, end + late, row["receiver"], row["radio"]))
-        return heard
-
-    def deferred(self, radio: int) -> list[dict[str, Any]]:
-        return [row for row in self.rows("intervals") if row["state"] == "deferred" and row["radio"] == radio]
-
-    def got(self, robot: int, radio: int) -> int:
-        return sum(each[1] == radio for each in self.hosts[robot].heard)
-
-
-def at_once(sent: list[Sent]) -> int:
-    """Return how often both radios of a robot are on the air at once."""
-    clashes = 0
-    for robot in {each.robot for each in sent}:
-        own = [each for each in sent if each.robot == robot]
-        ends = {BLE: 0, WIFI: 0}
-        for each in own:
-            clashes += ends[1 - each.radio] > each.start
-            ends[each.radio] = max(ends[each.radio], each.end)
-    return clashes
-
-
-def across(received: list[Sent], sent: list[Sent]) -> int:
-    """Return how many receptions meet what the other radio of the receiver sends."""
-    found = 0
-    for robot in {each.robot for each in sent}:
-        for radio in (BLE, WIFI):
-            own = [each for each in sent if each.robot == robot and each.radio == 1 - radio]
-            starts, ends = np.array([each.start for each in own]), np.array([each.end for each in own])
-            for each in received:
-                if (each.robot, each.radio) == (robot, radio):
-                    found += bool(np.any((starts < each.end) & (ends > each.start)))
-    return found
 
 
 def busy(seed: int, size: int = 4, until: int = 4 * S, asks: int = 0, **settings: Any) -> Field:
@@ -458,21 +367,15 @@ def test_robots_with_one_radio_each_have_the_same_run() -> None:
     assert played(True) == played(False)
 
 
-LAW = {"propagation": FREE}
-TWO = [{"kind": "ble", **LAW}, {"kind": "adhoc", **LAW}]
-
-
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"radios": TWO, "air": "apart"}, "needs air: shared"),
-        ({"radios": [{"kind": "bluetooth", **LAW}, TWO[1]], "air": "shared"}, "has no arbitration so far"),
-    ],
-)
-def test_what_is_not_arbitrated_is_refused(settings: dict[str, Any], said: str) -> None:
-    with pytest.raises(ValidationError, match=said):
-        RadiosSettings.model_validate({**settings, "arbitration": True})
-    RadiosSettings.model_validate(settings)
+def test_what_is_not_arbitrated_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    two = [{"kind": "ble", "propagation": FREE}, {"kind": "adhoc", "propagation": FREE}]
+    with pytest.raises(ValidationError, match="needs air: shared"):
+        RadiosSettings.model_validate({"radios": two, "arbitration": True})
+    monkeypatch.setattr(radios, "channel_spec", lambda kind: replace(channel_spec(kind), arbitrated=kind != "ble"))
+    shared = {"radios": two, "air": "shared"}
+    with pytest.raises(ValidationError, match="has no arbitration"):
+        RadiosSettings.model_validate({**shared, "arbitration": True})
+    RadiosSettings.model_validate(shared)
 
 
 def test_the_page_has_the_order_of_the_table() -> None:

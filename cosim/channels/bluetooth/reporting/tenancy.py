@@ -2,6 +2,10 @@
 
 Frames with payload, of inquiries and of pages are told as they begin. Idle frames, and the IDs of trains, follow from
 arithmetic: they are told up to an instant when somebody asks, or one by one while somebody listens before it talks.
+
+Where arbiters divide the air between a robot's radios, devices ask theirs before they send (:class:`Seats`). What goes
+before what changes all the time: so each pair of slots and each ID is decided when it is to begin, and none before, as
+long as others send anything.
 """
 
 from collections import deque
@@ -15,10 +19,28 @@ from cosim.channels.air.band import Emission
 from cosim.channels.air.jammers import LOWEST_MHZ
 from cosim.channels.air.shared import NEVER, SharedAir
 from cosim.channels.air.spectra import CLASSIC, STEPS_PER_MHZ
-from cosim.channels.bluetooth.band import Band, next_start, senders
+from cosim.channels.bluetooth.band import Band, next_start, polls_at, senders
 from cosim.channels.bluetooth.medium import BEGUN_FIELDS, Foreign, Medium, jamming, list_ids
 from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
-from cosim.channels.bluetooth.polling import HEARD_DOWN, HEARD_UP, PAIR_TICK, PHASE, PPM, SLAVE, STAGE
+from cosim.channels.bluetooth.polling import (
+    DUE,
+    HEARD_DOWN,
+    HEARD_UP,
+    HERE,
+    JOINED,
+    NEXT,
+    PAIR_HERE,
+    PAIR_LINK,
+    PAIR_TICK,
+    PHASE,
+    PPM,
+    SLAVE,
+    STAGE,
+    first_slot_at,
+    next_poll,
+    time_of,
+)
+from cosim.channels.bluetooth.reporting.seats import Seats
 from cosim.channels.clock import start_of, tick_at
 from cosim.kernel import Kernel
 from cosim.machine import Address
@@ -57,6 +79,15 @@ class Piconets(Protocol):
     def channel(self, master: Address, tick: int) -> int:
         """Return the channel on which the piconet of *master* is at *tick*."""
 
+    def carrier(self, source: Address, receiver: Address) -> float:
+        """Return the power in dBm with which *receiver* gets *source* now."""
+
+    def reaches(self, carrier_dbm: float) -> bool:
+        """Return whether a receiver notices a frame of this power."""
+
+    def silence_train(self, device: Address, since: Time, until: Time) -> None:
+        """Let the train of *device*, if it sends one, send nothing that would start in [since, until)."""
+
 
 class Tenancy:
     """The tenancy of *piconets*, whose devices send with *sent_dbm*, (n,), in the *air* that others share."""
@@ -64,7 +95,10 @@ class Tenancy:
     def __init__(self, air: SharedAir, kernel: Kernel, sent_dbm: Floats, piconets: Piconets) -> None:
         self._air, self._kernel, self._piconets = air, kernel, piconets
         self._sent_mw = elementary.exp10s(np.asarray(sent_dbm, np.float64) / 10.0).tolist()
-        self._number = air.join(self)
+        self.number = air.join(self)
+        """Its number in the air."""
+        self.seats: Seats | None = None
+        """Where devices ask before they send, if arbiters divide the air between a robot's radios."""
         self._decided: Time = 0
         """Instant up to which the fates of idle frames are decided."""
         self._ids_told: Time = 0
@@ -72,19 +106,24 @@ class Tenancy:
         self.alone = True
         """True if nobody else sends anything: then nobody is told anything."""
         begun = np.zeros((ROOM + 2 * len(self._sent_mw), BEGUN_FIELDS), np.int64)
-        self._nobody = jamming((), len(self._sent_mw))._replace(tenant=self._number, begun=begun)
+        self._nobody = jamming((), len(self._sent_mw))._replace(tenant=self.number, begun=begun)
 
     def heard(self, jammers: Foreign | None) -> Foreign:
         """Return what kernels need to judge frames: *jammers*, and what others have told."""
         of_air = self._nobody._replace(table=self._air.band.table)
         return of_air if jammers is None else of_air._replace(sent=jammers.sent, power_mw=jammers.power_mw)
 
+    def arbitrate(self, seats: Seats) -> None:
+        """Have devices ask at *seats* before they send, and be deaf while another radio of their robot sends."""
+        self.seats = seats
+        self._nobody = self._nobody._replace(arbitrated=True)
+
     # ------------------------------------------------------------ what is told
 
     def tell(self, source: Address, start: Time, end: Time, channel: int) -> None:
         """Tell the air of a frame."""
         centre = STEPS_PER_MHZ * (LOWEST_MHZ + channel)
-        self._air.tell(Emission(start, end, CLASSIC, centre, source, self._number, self._sent_mw[source]))
+        self._air.tell(Emission(start, end, CLASSIC, centre, source, self.number, self._sent_mw[source]))
 
     def tell_begun(self) -> bool:
         """Tell the air of the idle frames that have begun; return whether there was no more room for them."""
@@ -98,7 +137,7 @@ class Tenancy:
         """Have all others tell what they have begun to send before *until*: frames that end then are to be judged."""
         assert not self.alone
         self._decided = max(self._decided, until)
-        self._air.band.gather(until, self._number)
+        self._air.band.gather(until, self.number)
         self._air.reconsider_soon()
 
     def review(self) -> None:
@@ -133,7 +172,7 @@ class Tenancy:
         """Judge frames by themselves while nobody else sends, and tell what has been on the air of late after that."""
         now, piconets = self._kernel.now, self._piconets
         piconets.advance(now)
-        frames = () if alone else sorted(self._recent(now - MEMORY))
+        frames = () if alone else sorted(self._recent(max(now - MEMORY, 0)))
         self.alone, self._decided, self._ids_told = alone, now, max(self._ids_told, now - MEMORY)
         piconets.neighbours = None if alone else self
         for frame in frames:
@@ -141,6 +180,9 @@ class Tenancy:
         if not alone:
             self._tell_ids(now)
         piconets.changed(now)
+        if self.punctual:
+            self._note_begun(now)
+            self._air.reconsider_soon()
 
     def _recent(self, since: Time) -> set[_Frame]:
         """Return the frames, but not IDs, that were on the air after *since*.
@@ -177,9 +219,16 @@ class Tenancy:
             self._tell_ids(until)
 
     def begins_after(self, time: Time) -> Time:
-        """Return an instant after *time* before which nothing begins by itself."""
+        """Return an instant after *time* before which nothing begins by itself.
+
+        Where it is punctual nothing ends by itself before that, either: what is said to an arbiter between two such
+        instants does not depend on when piconets were advanced.
+        """
         band = self._piconets.band
         soonest = next_start(band.piconets, band.links)
+        if self.punctual:
+            polls = [int(time_of(row, row[PAIR_TICK])) for row in band.piconets if row[STAGE] == 1]
+            soonest = min([soonest, *(start + HEADER_AIR for start in polls)])
         for train in self._piconets.medium.trains:
             if list_ids(train, max(self._ids_told, time + 1), NEVER, self._next_id):
                 soonest = min(soonest, int(self._next_id[0, 0]))
@@ -187,5 +236,57 @@ class Tenancy:
 
     def send_due(self, now: Time) -> None:
         """Tell the air of what begins *now*."""
+        if self.seats is not None:
+            self._ask_for_polls(self.seats, now)
+            self._ask_for_ids(self.seats, now)
         self._piconets.advance(now + 1, now)
         self._tell_ids(now + 1)
+
+    # ------------------------------------------------------------ what arbiters are asked
+
+    @property
+    def punctual(self) -> bool:
+        """True if devices ask for what they send by themselves as it begins: others use the air as well."""
+        return self.seats is not None and not self.alone
+
+    def _ask_for_polls(self, seats: Seats, now: Time) -> None:
+        """Ask for the idle pairs that are to begin *now*, at both ends; a master that is refused skips slots."""
+        self._piconets.advance(now)
+        band = self._piconets.band
+        found = np.empty((len(band.piconets), 2), np.int64)
+        for master, k in found[: polls_at(band.piconets, band.links, now, found)].tolist():
+            piconet, links = band.piconets[master], band.links[master]
+            tick, _ = next_poll(piconet, links, links[DUE], int(piconet[NEXT]))
+            end = int(time_of(piconet, tick + 2)) + HEADER_AIR
+            until = seats.refused_until(master, end, seats.rank(piconet, links, k, HEARD_UP, False, now))
+            if until is not None:
+                piconet[NEXT] = first_slot_at(piconet, until)
+                continue
+            slave = int(links[SLAVE, k])
+            hears = self._piconets.reaches(self._piconets.carrier(master, slave))
+            if hears and links[HERE, k] and links[JOINED, k]:
+                until = seats.refused_until(slave, end, seats.rank(piconet, links, k, HEARD_DOWN, False, now))
+            self._nobody.held[slave] = until or 0
+
+    def _ask_for_ids(self, seats: Seats, now: Time) -> None:
+        """Ask for the IDs that are to begin *now*; a train is silent until the other radio's use is over."""
+        for train in self._piconets.medium.trains:
+            if list_ids(train, now, now + 1, self._next_id):
+                sender = int(train["sender"])
+                until = seats.ask_for_id(sender)
+                if until is not None:
+                    self._piconets.silence_train(sender, now, until)
+
+    def _note_begun(self, now: Time) -> None:
+        """Note what is on the air *now*: nobody has been asked for it, as no other radio had anything to say."""
+        band, seats = self._piconets.band, self.seats
+        assert seats is not None
+        for master, (piconet, links) in enumerate(zip(band.piconets, band.links, strict=True)):
+            if piconet[STAGE]:
+                end = int(time_of(piconet, piconet[PAIR_TICK] + 2)) + HEADER_AIR
+                seats.begin(master, end)
+                if piconet[PAIR_HERE]:
+                    seats.begin(int(links[SLAVE, piconet[PAIR_LINK]]), end)
+        for train in self._piconets.medium.trains:
+            if list_ids(train, now - ID_AIR, now, self._next_id):
+                seats.begin(int(train["sender"]), int(self._next_id[0, 0]) + ID_AIR)
