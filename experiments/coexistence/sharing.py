@@ -123,9 +123,9 @@ class Host:
 
 
 class Sharing:
-    """One run, of robots as *layout* has them, in an air with such settings."""
+    """One run, of robots as *layout* has them, in an *air* with such settings."""
 
-    def __init__(self, given: Parameters, seed: int, layout: Layout, **air: Any) -> None:
+    def __init__(self, given: Parameters, seed: int, layout: Layout, air: Mapping[str, Any] | None = None) -> None:
         self.given = given
         self.kernel = Kernel()
         self.trace = Trace(with_radio((TRANSMISSIONS, RECEPTIONS)))
@@ -138,7 +138,7 @@ class Sharing:
             *(layout.carried, none, none, none),
         )
         radios = [_narrow(given), _wide(given)]
-        self.settings = RadiosSettings.model_validate({"air": "shared", "radios": radios, **air})
+        self.settings = RadiosSettings.model_validate({"air": "shared", "radios": radios, **(air or {})})
         self.channel = SPEC.make(self.settings, site)
         self.hosts = [Host() for _ in range(size)]
         for address, host in enumerate(self.hosts):

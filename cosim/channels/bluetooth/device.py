@@ -147,7 +147,7 @@ class BluetoothChannel(Channel):
 
     def _parked(self) -> Iterator[Parked]:
         for device in self.devices:
-            yield from device.master_of.parked()
+            yield from device.master_of.parking.listeners()
 
     def _uses(self, address: Address, now: Time) -> Uses:
         self.air.advance(now)

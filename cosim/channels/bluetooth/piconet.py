@@ -45,7 +45,6 @@ from cosim.channels.bluetooth.polling import (
 )
 from cosim.channels.bluetooth.queues import LinkEvents, Payload, Queues, fate
 from cosim.channels.bluetooth.radio import Radio
-from cosim.channels.bluetooth.reporting.metering import Parked
 from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.slots import Slots
 from cosim.channels.bluetooth.state import SCHEDULERS, Deliver, PiconetSettings, PiconetState
@@ -86,8 +85,8 @@ class Piconet:
         self._deliver = deliver
         self._on_lost = on_lost
         self._queues = Queues(table, scheduler, radio.payloads, lambda: kernel.now)
-        self._parking = Parking(self.links, settings.park_interval_slots, settings.park_window_slots)
-        state = PiconetState(kernel, air, clock, settings, self.links, self._parking, self._queues, deliver)
+        self.parking = Parking(self.links, settings.park_interval_slots, settings.park_window_slots)
+        state = PiconetState(kernel, air, clock, settings, self.links, self.parking, self._queues, deliver)
         self._report = state.report
         self.modes = Modes(state, self._changed)
         self._slots = Slots(state, self.modes.beacon_heard)
@@ -106,17 +105,13 @@ class Piconet:
         """Return the slaves whose link the master takes to be up, by LT_ADDR."""
         return tuple(self.links.slaves[k] for k in self.links.held())
 
-    def parked(self) -> list[Parked]:
-        """Return the parked slaves that listen to beacons, and when."""
-        return self._parking.listeners()
-
     def free_lt_addr(self) -> int | None:
         """Return the smallest LT_ADDR that no side of a link uses, or None."""
         return self.links.free_lt_addr()
 
     def linked(self, slave: Address) -> bool:
         """Return whether either side takes *slave* for a member, parked or not."""
-        return slave in self.links.lt_addr or self._parking.number(slave) is not None
+        return slave in self.links.lt_addr or self.parking.number(slave) is not None
 
     def join(self, slave: Address, lt_addr: int) -> None:
         """Bring the side of *slave* up: it has received the first POLL now."""
@@ -188,7 +183,7 @@ class Piconet:
         self.advance(self._kernel.now)
         k = self._number(device)
         if device == self.address:
-            for held in (*self.links.held(), *self._parking.members):
+            for held in (*self.links.held(), *self.parking.members):
                 self._drop(held, HELD)
         elif k is not None:
             self._drop(k, JOINED)
@@ -196,7 +191,7 @@ class Piconet:
 
     def _number(self, slave: Address) -> int | None:
         """Return the LT_ADDR of a slave, or its number if it is parked."""
-        return self.links.lt_addr.get(slave, self._parking.number(slave))
+        return self.links.lt_addr.get(slave, self.parking.number(slave))
 
     # ------------------------------------------------------------ time
 
@@ -208,11 +203,11 @@ class Piconet:
         """Note when *device*, the master or a slave, is there from now on."""
         self.advance(self._kernel.now)
         self.links.memberships.change_presence(device, presence, self._kernel.now)
-        parked = self._parking.number(device)
+        parked = self.parking.number(device)
         if parked is None:
             self.links.set_presence(device, presence)
         else:
-            self._parking.members[parked].presence = presence
+            self.parking.members[parked].presence = presence
         self._air.changed(self._kernel.now)
         self._slots.arm()
 
@@ -387,7 +382,7 @@ class Piconet:
 
     def _watch(self) -> None:
         """Wait for the earliest supervision time-out of all sides of all links, parked slaves included."""
-        sides = [heard for heard in (self.links.last_heard(), self._parking.last_heard()) if heard is not None]
+        sides = [heard for heard in (self.links.last_heard(), self.parking.last_heard()) if heard is not None]
         if not sides:
             return
         deadline = min(sides) + self._settings.supervision
@@ -410,7 +405,7 @@ class Piconet:
             if table[side, k] and table[heard, k] <= limit
         ]
         events: LinkEvents = []
-        for k, side in silent + self._parking.silent(limit):
+        for k, side in silent + self.parking.silent(limit):
             events += self._drop(k, side)
         self._slots.arm()
         if events:
@@ -419,11 +414,11 @@ class Piconet:
 
     def _drop(self, k: int, side: int) -> LinkEvents:
         """Take one side of a link down and return its host's events: Lost, and the fates of its queued payloads."""
-        parked = k in self._parking.members
-        if not (self._parking.up(k, side) if parked else self.links.up(k, side)):
+        parked = k in self.parking.members
+        if not (self.parking.up(k, side) if parked else self.links.up(k, side)):
             return []
-        slave = self._parking.members[k].slave if parked else self.links.slaves[k]
-        (self._parking if parked else self.links).take_down(k, side, self._kernel.now)
+        slave = self.parking.members[k].slave if parked else self.links.slaves[k]
+        (self.parking if parked else self.links).take_down(k, side, self._kernel.now)
         self._air.changed(self._kernel.now)
         if side == HELD:
             host, peer = self.address, slave

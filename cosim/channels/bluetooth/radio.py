@@ -169,6 +169,11 @@ class Air:
     *key* is the key of the draws of bit errors; without noise (-inf dBm) there are none.
     """
 
+    seats: Seats | None = None
+    """Where devices ask before they send, if arbiters divide the air between a robot's radios."""
+    meter: Meter | None = None
+    """Takes what devices do, if a scenario asks for that."""
+
     def __init__(
         self,
         size: int,
@@ -192,8 +197,6 @@ class Air:
         """Its place in an air that others share,"""
         self.neighbours: Tenancy | None = None
         """which is this as long as they send anything."""
-        self.seats: Seats | None = None
-        """Where devices ask before they send, if arbiters divide the air between a robot's radios."""
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
         self.least_dbm = max(noise_dbm + mediums.DETECTABLE_DB, -sys.float_info.max)
@@ -222,8 +225,6 @@ class Air:
         self._log = _NO_LOG
         self._powers = _NO_POWERS
         """What kernels write of idle frames; without rows if nobody wants that."""
-        self.meter: Meter | None = None
-        """Takes what devices do, if a scenario asks for that."""
         self.stray: Time = 0
         """Instant from which nothing is on the air that a change, an inquiry or a page has left there."""
         self._trains: list[_Train] = []  # as in the medium

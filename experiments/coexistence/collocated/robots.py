@@ -44,7 +44,8 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """
     given = Parameters.model_validate(parameters)
     robots = Layout([(0.0, 0.0), (given.link_m, 0.0)], [(NARROW, WIDE)] * 2, [0], 0)
-    run = Sharing(given, seed, robots, isolation_db=given.isolation_db, arbitration=given.arbitration)
+    air = {"isolation_db": given.isolation_db, "arbitration": given.arbitration}
+    run = Sharing(given, seed, robots, air)
     run.connect()
     since, until = run.run()
     told = Told(run, since, until)
