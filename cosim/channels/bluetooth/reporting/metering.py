@@ -11,10 +11,10 @@ It is idle, and listens without receiving,
 - as a slave, at every slot at which its master may send to it, as long as an access code takes: that is every other
   slot, in hold none, in sniff mode and parked those of its windows, with divided time those of its part in which there
   is room for a packet and the longest answer, and away none. In slots that a packet which it has heard has reserved for
-  itself, or an own one, it has nothing to listen for (Core v1.1, Part B, section 10.9.1),
+  itself, or an own one, it has nothing to listen for,
 - as a master, in the slot after what it has sent to one slave, as long as an access code takes,
-- in inquiry and page in every other slot, the one after its two IDs, to the end (sections 10.6 and 10.7); while it
-  answers a page, is answered, or waits for the second ID of an inquiry it listens whenever it does not send,
+- in inquiry and page in every other slot, the one after its two IDs, to the end; while it answers a page, is answered,
+  or waits for the second ID of an inquiry it listens whenever it does not send,
 - in the windows of its scans.
 
 Else it is asleep, also between the two IDs of a slot, in the back-off of an inquiry and during packets for others. The
