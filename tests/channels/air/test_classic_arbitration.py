@@ -14,7 +14,7 @@ from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
 from cosim.channels.bluetooth.scanning import sent_ids
 from cosim.intervals import Interval
 from cosim.kernel import DELIVER
-from cosim.machine import BROADCAST, Connected, Discovered, Inquire, Lost, Outgoing, Page
+from cosim.machine import BROADCAST, Connected, Disconnect, Discovered, Inquire, Lost, Outgoing, Page
 from cosim.units import MS, SLOT, US, S
 from tests.channels.air.arbitrated_field import DELAY, OTHER, WIFI, Field, across, at_once
 
@@ -132,6 +132,32 @@ def test_without_arbitration_both_happens() -> None:
     assert across(field.received(), sent) > 50
 
 
+def test_what_inquiries_and_pages_send_is_asked_for() -> None:
+    """And nobody hears what was refused."""
+    field = Field([(0, 0), (3, 0)], None, QUICK, {"rate_mbps": 2}, isolation_db=300.0)
+    random, until = np.random.default_rng(53), 8 * S
+    for at in range(100 * MS, until, 200 * MS):
+        field.at(at, 0, Inquire(60 * MS, 1))
+        field.at(at + 1, 0, Page(1))
+        field.at(at + 190 * MS, 0, Disconnect(1))
+    for at in range(100 * MS, until, 5 * MS):
+        source = int(random.integers(2))
+        to = BROADCAST if random.random() < 0.5 else 1 - source
+        wait = int(random.integers(5 * MS))
+        field.at(at + wait, source, Outgoing(to, bytes(int(random.integers(300))), None, WIFI))
+    field.until(until)
+    field.close()
+    sent, received = field.sent(), field.received()
+    assert at_once(sent) == 0
+    assert across(received, sent) == 0
+    told = {(each.start, each.end) for each in sent if each.radio == CLASSIC}
+    heard = [(each.start, each.end) for each in received if each.radio == CLASSIC]
+    assert [each for each in heard if each not in told] == []
+    events = [type(event) for _, event in field.hosts[0].events]
+    assert min(events.count(Discovered), events.count(Connected)) > 5
+    assert len(field.deferred(CLASSIC)) > 100
+
+
 def test_inquiries_and_pages_come_to_their_ends() -> None:
     events = [event for _, event in busy(0).hosts[4].events]
     assert any(isinstance(event, Discovered) and event.peer == 5 for event in events)
@@ -185,6 +211,30 @@ def test_low_energy_and_classic_share_a_robot(seed: int) -> None:
     assert across(field.received(), sent) == 0
     assert min(field.got(robot, radio) for robot in (0, 1) for radio in (0, 1)) > 50
     assert min(len(field.deferred(radio)) for radio in (0, 1)) > 20
+
+
+def quiet_beside_low_energy(asks: int) -> Field:
+    """Return an idle piconet of two robots that have a link of Low Energy, too, with much to say."""
+    low_energy = {"kind": "ble", "connection": {"interval_s": 0.0075}, "advertise": {"interval_s": 0.02}}
+    field = Field([(0, 0), (3, 0)], None, {**QUICK, "t_poll_slots": 16}, low_energy, isolation_db=300.0)
+    field.at(MS, 0, Page(1))
+    field.at(MS, 1, Page(0, radio=1))
+    for at in range(S // 2, 3 * S, 8 * MS):
+        field.at(at, at // (8 * MS) % 2, Outgoing(1 - at // (8 * MS) % 2, bytes(300), None, 1))
+    for at in np.random.default_rng(5).integers(1, 3 * S, asks).tolist():
+        field.kernel.at(at, lambda: field.air.band.settle(field.kernel.now), DELIVER)
+    field.until(3 * S)
+    field.close()
+    return field
+
+
+def test_idle_polls_are_asked_for_beside_low_energy_whoever_catches_up_when() -> None:
+    field = quiet_beside_low_energy(0)
+    sent = field.sent()
+    assert at_once(sent) == 0
+    assert across(field.received(), sent) == 0
+    assert min(len(field.deferred(radio)) for radio in (0, 1)) > 10
+    assert rows(quiet_beside_low_energy(1000)) == rows(field)
 
 
 # ---------------------------------------------------------------- who goes first
