@@ -77,8 +77,9 @@ class Advertising:
         channel.at(run.start(following, 0), START, self.event, device, run, following)
 
     def send(self, device: Device, run: Advertiser, index: int) -> None:
-        """Put an ADV_IND on the air."""
-        if device.run is run:
+        """Put an ADV_IND on the air, unless a request to connect is on it."""
+        begin, end = device.requested
+        if device.run is run and not begin <= self.channel.now < end:
             packet = Packet(device.address, self.channel.now, LE_1M, self.octets(device), index)
             self.channel.air.put(packet)
             self.channel.at(packet.end, OVER, self.sent, device, packet)

@@ -110,6 +110,8 @@ class Device:
         self.run: Advertiser | None = None
         self.events: list[list[int]] = []
         """Times [begin, end) of the events of connectable advertising that were sent."""
+        self.requested = 0, 0
+        """When the last request to connect to it is on the air, [begin, end)."""
         self.takings: list[Taking] = []
         self.procedure: Procedure | None = None
         self.askers: list[tuple[int, Device, Procedure]] = []

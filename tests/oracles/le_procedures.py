@@ -187,6 +187,7 @@ class Procedures:
         if device.procedure is procedure:
             packet = Packet(device.address, self.channel.now, LE_1M, CONNECT_OCTETS, index)
             self.channel.air.put(packet)
+            advertiser.requested = packet.start, packet.end
             self.channel.at(packet.end, OVER, self.sent, device, advertiser, procedure, packet, drawn)
 
     def sent(
