@@ -173,8 +173,7 @@ class SharedAir:
             self._due.cancel()
             self._due = None
         if due < NEVER:
-            arrive = self._arrive if any(each.punctual for each in self._neighbours) else self._send_due
-            self._due = self._kernel.at(due, arrive, AIR)
+            self._due = self._kernel.at(due, self._arrive, AIR)
 
     def reconsider_soon(self) -> None:
         """Do so at the end of this instant, as a channel may change until then when it begins to send by itself."""
@@ -186,7 +185,7 @@ class SharedAir:
         self.reconsider()
 
     def _arrive(self) -> None:
-        """Let what else begins at this instant be decided before what begins by itself."""
+        """Let what is decided at this instant, such as a payload for a slot, go before what begins by itself."""
         self._due = self._kernel.at(self._kernel.now, self._send_due, AIR)
 
     def _send_due(self) -> None:

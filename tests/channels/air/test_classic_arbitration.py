@@ -379,10 +379,12 @@ def test_a_slave_that_is_refused_neither_hears_nor_answers() -> None:
 # ---------------------------------------------------------------- what does not change
 
 
-def test_a_payload_of_a_slave_goes_with_its_next_poll() -> None:
+@pytest.mark.parametrize("arbitration", [False, True])
+def test_a_payload_of_a_slave_goes_with_its_next_poll(arbitration: bool) -> None:
     """That is so at all times, and so while there is an event for each poll, as 802.11 is in use."""
     carried = [(CLASSIC,), (CLASSIC,), (WIFI,), (CLASSIC, WIFI)]
-    field = Field([(0, 0), (1, 0), (0, 40), (5, 40)], carried, QUICK, {"rate_mbps": 1})
+    places = [(0.0, 0.0), (1.0, 0.0), (0.0, 40.0), (5.0, 40.0)]
+    field = Field(places, carried, QUICK, {"rate_mbps": 1}, arbitration=arbitration)
     field.link(0, 1)
     random, times = np.random.default_rng(47), [S // 2]
     for _ in range(40):
