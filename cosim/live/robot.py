@@ -149,9 +149,7 @@ class Host:
             return
         except LocalProtocolError as error:
             self._answer(Failed(str(error)))
-        # a machine may raise anything, and above here is only the end of this process: the team's process is sent the
-        # traceback, and raises it
-        except Exception:  # noqa: BLE001
+        except Exception:  # noqa: BLE001  # a machine may raise anything; the team's process gets, and raises, it
             self._answer(Failed(f"robot {self._robot}: its machine has failed\n\n{traceback.format_exc()}"))
 
     def _answer(self, answer: Answer) -> None:

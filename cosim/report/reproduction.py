@@ -64,9 +64,7 @@ class Reproduction:
             made = report(folder)
             write_page(self.folder / f"{name}.html", folder, made)
             tried.claims, tried.made, tried.error = made.claims, made, ""
-        # hours of other experiments are not to be lost to one that fails: its error stands in the index, and the
-        # command ends with 1
-        except Exception as error:  # noqa: BLE001
+        except Exception as error:  # noqa: BLE001  # the others go on; it stands in the index, and the command fails
             tried.error = " ".join(
                 f"{'' if isinstance(error, UserError) else type(error).__name__ + ': '}{error}".split()
             )

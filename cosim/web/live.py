@@ -159,9 +159,7 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     run.begin()
     try:
         _play_beginning(run)
-    # this run only has kernels compiled, and is thrown away; the one that is shown does the same again, and its failure
-    # is told
-    except Exception:  # noqa: BLE001
+    except Exception:  # noqa: BLE001  # this run has kernels compiled; that which is shown fails again, and says so
         return
     with suppress(OSError):  # without a cache that can be written to, it is done each time
         begin(done.parent)
@@ -305,8 +303,7 @@ class Live:
                     self._end()
                 spent = time.monotonic() - begun
                 self._closing.wait(max(0.001, _PERIOD_S - spent))
-        # a machine may raise anything, and a thread has no caller: the pages show it, and the run counts as failed
-        except Exception as error:  # noqa: BLE001
+        except Exception as error:  # noqa: BLE001  # a machine may raise anything, a thread has no caller: pages show it
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
@@ -314,8 +311,7 @@ class Live:
         self._failure = f"{type(error).__name__}: {error}"
         try:
             self._publish()
-        # a run that has failed half way may fail again when it is looked at; what is told is why it failed first
-        except Exception:  # noqa: BLE001
+        except Exception:  # noqa: BLE001  # a run that has failed may fail again when looked at; the first is told
             with self._lock:
                 self._moment = self._moment._replace(state=self._state(), why=self._failure)
 

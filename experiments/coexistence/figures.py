@@ -41,12 +41,19 @@ def _renewal(runs: pd.DataFrame, cases: Sequence[str]) -> Answer:
     points = _points(runs)
     if points.empty:
         return UNKNOWN
-    rows = points[points.index.get_level_values("case").isin(cases)]
-    if rows.empty:
+    return as_expected(points[points.index.get_level_values("case").isin(cases)])
+
+
+def as_expected(points: pd.DataFrame) -> Answer:
+    """Return at how many *points* links lose what is expected there: that is so if nine of ten are near, at least.
+
+    Each has Estimates of ``narrow_loss`` and ``expected_narrow_loss``.
+    """
+    if points.empty:
         return UNKNOWN
     inside = [
         abs(ours.mean - expected.mean) <= max(NEAR, ours.half)
-        for ours, expected in zip(rows["narrow_loss"], rows["expected_narrow_loss"], strict=True)
+        for ours, expected in zip(points["narrow_loss"], points["expected_narrow_loss"], strict=True)
     ]
     return f"{sum(inside)} of {len(inside)} points", bool(sum(inside) >= 0.9 * len(inside))
 

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
 from cosim.statistics.intervals import Estimate
-
-Answer = tuple[str, bool | None]
+from experiments.coexistence.figures import UNKNOWN, Answer
 
 VALUES: Final = ["pair_loss", "narrow_loss", "deaf_least", "deaf_most", "arrived", "delay_ms", "wide_loss", "wide_mbps"]
 LINKS: Final = {"le": "Low Energy", "bluetooth": "Bluetooth"}
@@ -23,7 +22,6 @@ CLOSE_DB, FAR_DB = 10, 40
 """The least and the greatest isolation."""
 DEAF_DB: Final = 30
 """Isolation up to which a radio is to be deaf on all channels."""
-UNKNOWN: Final[Answer] = ("-", None)
 
 
 def _points(runs: pd.DataFrame, link: str, radios: str) -> pd.DataFrame:

@@ -9,17 +9,11 @@ from matplotlib.figure import Figure
 
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
-
-Answer = tuple[str, bool | None]
+from experiments.coexistence.figures import CLASSIC, LE, NEAR, UNKNOWN, Answer, as_expected
 
 VALUES: Final = ["narrow_loss", "expected_narrow_loss"]
-CLASSIC: Final = ("Bluetooth, short packets", "Bluetooth, long packets")
-LE: Final = ("LE, short packets", "LE, long packets")
-NEAR: Final = 0.01
-"""Difference of shares that counts as none."""
 HARMLESS_M: Final = 63.0
 """Distance from which on the station ruins no channel of Bluetooth."""
-UNKNOWN: Final[Answer] = ("-", None)
 
 
 def _points(runs: pd.DataFrame, links: Sequence[str] = (*CLASSIC, *LE)) -> pd.DataFrame:
@@ -30,25 +24,14 @@ def _points(runs: pd.DataFrame, links: Sequence[str] = (*CLASSIC, *LE)) -> pd.Da
     return rows.set_index(["link", "station_m"]).sort_index() if len(rows) else rows
 
 
-def _as_expected(runs: pd.DataFrame, links: Sequence[str]) -> Answer:
-    points = _points(runs, links)
-    if points.empty:
-        return UNKNOWN
-    inside = [
-        abs(ours.mean - expected.mean) <= max(NEAR, ours.half)
-        for ours, expected in zip(points["narrow_loss"], points["expected_narrow_loss"], strict=True)
-    ]
-    return f"{sum(inside)} of {len(inside)} points", bool(sum(inside) >= 0.9 * len(inside))
-
-
 def over_distance_classic(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return at how many points Bluetooth loses what the station's frames let expect."""
-    return _as_expected(runs, CLASSIC)
+    return as_expected(_points(runs, CLASSIC))
 
 
 def over_distance_le(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return at how many points Low Energy does."""
-    return _as_expected(runs, LE)
+    return as_expected(_points(runs, LE))
 
 
 def farther_less(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

@@ -8,17 +8,13 @@ from matplotlib.figure import Figure
 
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
-
-Answer = tuple[str, bool | None]
+from experiments.coexistence.figures import UNKNOWN, Answer, as_expected
 
 VALUES: Final = ["narrow_loss", "expected_narrow_loss", "wide_loss"]
 ALL, AFH = "all channels", "AFH"
 LOADED: Final = 0.7
-NEAR: Final = 0.01
-"""Difference of shares that counts as none."""
 FEW: Final = 10
 """Number of piconets up to which those that adapt are to leave the station's channels to it."""
-UNKNOWN: Final[Answer] = ("-", None)
 
 
 def _points(runs: pd.DataFrame, hops: str) -> pd.DataFrame:
@@ -49,14 +45,7 @@ def independent(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 def meetings(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return at how many points links lose what is expected of them."""
-    points = _points(runs, ALL)
-    if points.empty:
-        return UNKNOWN
-    inside = [
-        abs(ours.mean - expected.mean) <= max(NEAR, ours.half)
-        for ours, expected in zip(points["narrow_loss"], points["expected_narrow_loss"], strict=True)
-    ]
-    return f"{sum(inside)} of {len(inside)} points", bool(sum(inside) >= 0.9 * len(inside))
+    return as_expected(_points(runs, ALL))
 
 
 def spares_station(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
