@@ -57,7 +57,8 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[Kernel], Kernel]
     part of its callers. That spares half of all compiling.
 
     A kernel that only *borrows* arrays, makes none and returns none, does without counting who holds them: where many
-    are handed on from kernel to kernel that is half of the time. What it calls may make some for itself.
+    are handed on from kernel to kernel that is half of the time. What it calls may make some for itself,
+    but hand it none: nobody would release it.
     """
     cached = options.pop("cache", False)
     options["_nrt"] = not borrows

@@ -1,5 +1,6 @@
 """The caches of compiled kernels notice every edit, in whichever file, and no edit makes others forget."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import cosim.arrays
 from cosim import caches, jit
 
 SOURCES = {
@@ -230,3 +232,37 @@ def test_without_a_home_to_write_to_the_cache_is_temporary(monkeypatch: pytest.M
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(caches.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
     assert caches._home() == tmp_path / "temporary" / "cosim"
+
+
+# ---------------------------------------------------------------- kernels that only borrow
+
+
+def kernels() -> list[tuple[ast.FunctionDef, bool]]:
+    """Return all kernels of the project, and whether each only borrows arrays."""
+    root = Path(cosim.__file__).parents[1]
+    files = [path for top in ("cosim", "protocols", "experiments") for path in sorted((root / top).rglob("*.py"))]
+    found = []
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                made = [ast.unparse(each) for each in node.decorator_list]
+                found += [(node, "borrows=True" in each) for each in made if each.startswith("njit(")]
+    return found
+
+
+def test_no_kernel_that_only_borrows_is_handed_an_array_of_its_own():
+    # it does not count who holds an array, so that one would never be released
+    known = kernels()
+    arrays = {name for name in vars(cosim.arrays) if not name.startswith("_")} - {"Words"}  # philox's are a tuple
+    makers = {each.name for each, borrows in known if not borrows and arrays & names(each.returns)}
+    assert {"crossed_weights", "sections"} <= makers
+    takers = {
+        f"{kernel.name} calls {', '.join(sorted(called))}"
+        for kernel, borrows in known
+        if borrows and (called := makers & names(kernel))
+    }
+    assert not takers
+
+
+def names(node: ast.AST | None) -> set[str]:
+    return set() if node is None else {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}

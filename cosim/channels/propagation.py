@@ -127,7 +127,7 @@ class Propagation:
 # ---------------------------------------------------------------- kernels
 
 
-@njit(cache=True, borrows=True)
+@njit(cache=True)  # not one that only borrows: the array of crossed weights is its own to release
 def _write_gains(
     positions: Floats,
     law: tuple[float, float, float, float],

@@ -1,6 +1,7 @@
 """Gains between robots: ranges as tabulated, walls, shadowing that is fixed, noise."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -101,6 +102,20 @@ def test_all_walls_of_an_office_are_paid_by_all_pairs():
     cost = lost(air(), air(grid, losses), positions)
     np.testing.assert_allclose(cost, wall_losses_db(grid, losses, positions), atol=1e-9)
     assert cost.max() > 9
+
+
+def test_gains_that_were_asked_for_hold_no_memory():
+    # a sweep's process grew by 2 MB with each minute of robots that moved in a shared air
+    propagation, places = air(), np.zeros((40, 2))
+    propagation.gains_db(places)
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(200):
+            propagation.gains_db(places)
+        assert tracemalloc.get_traced_memory()[0] - before < 100_000  # one array has 12,800
+    finally:
+        tracemalloc.stop()
 
 
 def test_walls_and_losses_are_as_many():
