@@ -162,8 +162,7 @@ class _Page:
     # ---------------------------------------------------------------- facts
 
     def _size(self) -> str:
-        wanted = len(self._sweep.configurations) * self._sweep.replicates
-        there = f"{len(self._runs)} of {wanted} runs" if len(self._runs) < wanted else f"{wanted} runs"
+        there = f"{self._made.runs} of {self._sweep.runs} runs" if self._made.missing else f"{self._sweep.runs} runs"
         arms, replicates = len(self._sweep.configurations), self._sweep.replicates
         return f"{there}: {_counted(arms, 'arm')}, {_counted(replicates, 'replicate')}; {self._made.failures} failed"
 

@@ -30,8 +30,15 @@ class Report:
     verdicts: list[Verdict] = field(default_factory=list)
     """Of the claims, in their order."""
     figures: list[Path] = field(default_factory=list)
+    runs: int = 0
+    """How many rows there are."""
     failures: int = 0
     sweep: SweepDescription | None = None
+
+    @property
+    def missing(self) -> int:
+        """How many runs of the sweep are not there yet."""
+        return 0 if self.sweep is None else max(0, self.sweep.runs - self.runs)
 
     def text(self) -> str:
         """Return the report for a terminal."""
@@ -42,6 +49,9 @@ class Report:
             )
             expected = chance(self.verdicts)
             parts += [expected.text()] if expected else []
+        if self.missing:
+            there = f"{self.runs} of {self.runs + self.missing} runs are there"
+            parts.append(f"{there}: all this is of those alone; cosim status says how long the rest takes")
         if self.failures:
             parts.append(f"{self.failures} runs failed; the column error of the table runs says why")
         parts += ["\n".join(f"figure: {path}" for path in self.figures)] if self.figures else []
@@ -57,6 +67,7 @@ class Report:
             "chance": expected._asdict() if expected else None,
             "figures": [str(path) for path in self.figures],
             "failures": self.failures,
+            "missing": self.missing,
         }
 
 
@@ -75,7 +86,7 @@ def report(folder: Path) -> Report:
     figures = load_figures(source)
     claims = published_claims(source)
     verdicts = [judge(claim, good, seen, figures) for claim in claims]
-    made = Report(name, {}, claims, verdicts, failures=len(runs) - len(good), sweep=sweep)
+    made = Report(name, {}, claims, verdicts, runs=len(runs), failures=len(runs) - len(good), sweep=sweep)
     for title, frame, fixed in ((f"{name}, runs", good, FIXED), (f"{name}, observations", seen, OBSERVATION_FIXED)):
         metrics = _metrics(frame, axes, [each.name for each in fixed], sweep.report.metrics)
         if metrics:

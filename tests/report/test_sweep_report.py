@@ -246,6 +246,14 @@ def test_failed_runs_are_counted_and_left_out(tmp_path: Path):
     assert "12 runs failed" in made.text()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("replicates", "missing"), [(3, 0), (10, 28)])
+def test_a_report_of_a_sweep_that_is_not_whole_says_so(tmp_path: Path, replicates: int, missing: int):
+    made = report(filled(tmp_path / "r", tmp_path, replicates=replicates))
+    assert made.plain()["missing"] == missing
+    assert ("12 of 40 runs are there: all this is of those alone" in made.text()) == (missing > 0)
+
+
 def test_a_published_file_without_its_columns_is_told(tmp_path: Path):
     (tmp_path / "published.csv").write_text("id,paper\na,003\n")
     with pytest.raises(UserError, match=r"published\.csv: line 2: expected the columns id, paper, section"):
