@@ -101,6 +101,8 @@ class Tenancy:
         """Where devices ask before they send, if arbiters divide the air between a robot's radios."""
         self._decided: Time = 0
         """Instant up to which the fates of idle frames are decided."""
+        self._following = False
+        """True while piconets are advanced for the air's sake: nothing is decided, so what begins next is as it was."""
         self._ids_told: Time = 0
         self._next_id: Int64s = np.empty((1, 2), np.int64)  # start and channel
         self.alone = True
@@ -138,7 +140,8 @@ class Tenancy:
         assert not self.alone
         self._decided = max(self._decided, until)
         self._air.band.gather(until, self.number)
-        self._air.reconsider_soon()
+        if not self._following:
+            self._air.reconsider_soon()
 
     def review(self) -> None:
         """Have others notice if Bluetooth has begun, or ceased, to send."""
@@ -215,7 +218,7 @@ class Tenancy:
     def catch_up(self, until: Time) -> None:
         """Tell the air of all that begins before *until*, unless nobody hears it."""
         if not self.alone:
-            self._piconets.advance(until, until - 1)
+            self._follow(until, until - 1)
             self._tell_ids(until)
 
     def begins_after(self, time: Time) -> Time:
@@ -239,8 +242,13 @@ class Tenancy:
         if self.seats is not None:
             self._ask_for_polls(self.seats, now)
             self._ask_for_ids(self.seats, now)
-        self._piconets.advance(now + 1, now)
+        self._follow(now + 1, now)
         self._tell_ids(now + 1)
+
+    def _follow(self, now: Time, last_end: Time) -> None:
+        self._following = True
+        self._piconets.advance(now, last_end)
+        self._following = False
 
     # ------------------------------------------------------------ what arbiters are asked
 
