@@ -40,10 +40,12 @@ class Station:
 
     def is_free(self, start: Time, end: Time) -> bool:
         """Return whether it was on, and its antenna was free to listen, in [start, end)."""
-        free = self.antenna.taken_until(start, end) is None and self.beacon.taken_until(start, end) is None
-        return free and self._ether.was_on(self.address, start)
+        on = self._ether.was_on(self.address, start)
+        return on and self.antenna.taken_until(start, end) is None and self.beacon.taken_until(start, end) is None
 
     def listens(self, channel: int, start: Time, end: Time) -> bool:
         """Return whether it listened on *channel* all of [start, end)."""
+        if not self._ether.was_on(self.address, start):  # most stations of other technologies: they never are
+            return False
         windows = self.windows
         return windows.channel(start) == channel == windows.channel(end - 1) and self.is_free(start, end)

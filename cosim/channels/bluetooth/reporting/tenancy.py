@@ -103,6 +103,10 @@ class Tenancy:
         """Instant up to which the fates of idle frames are decided."""
         self._following = False
         """True while piconets are advanced for the air's sake: nothing is decided, so what begins next is as it was."""
+        self._touched: Time = 0
+        """Instant at which something was last decided, or may have been."""
+        self._quiet_until: Time = 0
+        """Instant before which nothing begins by itself, for all that is decided; 0 if that is not known."""
         self._ids_told: Time = 0
         self._next_id: Int64s = np.empty((1, 2), np.int64)  # start and channel
         self.alone = True
@@ -141,6 +145,7 @@ class Tenancy:
         self._decided = max(self._decided, until)
         self._air.band.gather(until, self.number)
         if not self._following:
+            self._touched, self._quiet_until = self._kernel.now, 0
             self._air.reconsider_soon()
 
     def review(self) -> None:
@@ -217,9 +222,13 @@ class Tenancy:
 
     def catch_up(self, until: Time) -> None:
         """Tell the air of all that begins before *until*, unless nobody hears it."""
-        if not self.alone:
-            self._follow(until, until - 1)
-            self._tell_ids(until)
+        if self.alone or until <= self._quiet_until:
+            return
+        self._follow(until, until - 1)
+        self._tell_ids(until)
+        if self._kernel.now > self._touched:
+            # not for ever: what was on the air is remembered for as long as it may be asked for
+            self._quiet_until = min(self.begins_after(until - 1), until + _ASKED)
 
     def begins_after(self, time: Time) -> Time:
         """Return an instant after *time* before which nothing begins by itself.
