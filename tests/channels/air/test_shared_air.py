@@ -1,6 +1,8 @@
 """802.11, Bluetooth and LE in one air: what each notices of the other, told anew from the tables of a run."""
 
+from collections import deque
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,8 +14,9 @@ from cosim.channels.air.spectra import CLASSIC, DSSS, LE_1M, OFDM, shares
 from cosim.channels.ble.bits.errors import noise_mw
 from cosim.channels.ble.phy import LE_1M as PHY_1M
 from cosim.channels.bluetooth.bits.powers import POWER_DBM
+from cosim.channels.bluetooth.reporting import tenancy
 from cosim.channels.bluetooth.settings import BluetoothSettings
-from cosim.kernel import DELIVER, WORLD
+from cosim.kernel import DELIVER, WORLD, Kernel
 from cosim.machine import BROADCAST, Inquire, Outgoing, Page, Scan
 from cosim.scenario import Scenario
 from cosim.simulation import simulate
@@ -296,3 +299,50 @@ def test_an_air_in_which_one_kind_speaks_is_as_its_own(kind: str) -> None:
         return simulate(scenario, 3).digest
 
     assert digest("shared") == digest("apart")
+
+
+# ---------------------------------------------------------------- who need not be advanced
+
+
+class Advanced:
+    """Piconets of which nothing begins by itself, and when they were advanced for others."""
+
+    neighbours: tenancy.Tenancy | None = None
+    band = SimpleNamespace(piconets=np.zeros((0, 1), np.int64), links=np.zeros((0, 1, 1), np.int64))
+    medium = SimpleNamespace(trains=(), frames=np.zeros((0, 1, 2)))
+
+    def __init__(self) -> None:
+        self.sent = deque[Any]()
+        self.times: list[int] = []
+
+    def advance(self, now: int, last_end: int | None = None) -> None:
+        if self.neighbours is not None:
+            self.neighbours.gather(now)
+        self.times.append(now)
+
+    def changed(self, now: int) -> None:
+        pass
+
+
+@pytest.mark.parametrize("between", ["nothing", "decided", "alone"])
+def test_bluetooth_is_advanced_for_others_when_something_of_it_may_have_begun(
+    monkeypatch: pytest.MonkeyPatch, between: str
+) -> None:
+    monkeypatch.setattr(tenancy, "next_start", lambda *_: 1 << 62)
+    band = SimpleNamespace(gather=lambda *_: None, table=None)
+    air = SimpleNamespace(join=lambda _: 0, band=band, reconsider_soon=lambda: None)
+    kernel, piconets = Kernel(), Advanced()
+    tenant = tenancy.Tenancy(air, kernel, np.zeros(2), piconets)  # type: ignore[arg-type]
+    tenant.others_changed(False)
+    kernel.run(MS)
+    tenant.catch_up(MS)
+    kernel.run(2 * MS)
+    if between == "alone":
+        tenant.others_changed(True)
+        tenant.others_changed(False)
+    elif between == "decided":
+        piconets.advance(2 * MS)
+    kernel.run(3 * MS)
+    piconets.times.clear()
+    tenant.catch_up(3 * MS)
+    assert piconets.times == ([] if between == "nothing" else [3 * MS])

@@ -182,7 +182,6 @@ class Tenancy:
         piconets.advance(now)
         frames = () if alone else sorted(self._recent(max(now - MEMORY, 0)))
         self.alone, self._decided, self._ids_told = alone, now, max(self._ids_told, now - MEMORY)
-        self._touched, self._quiet_until = now, 0  # what was decided while it was alone was told to nobody
         piconets.neighbours = None if alone else self
         for frame in frames:
             self.tell(*frame)
