@@ -1,5 +1,6 @@
 """What folders of results hold, and how they are looked after: status, content, damage, merging and pruning."""
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -62,10 +63,10 @@ class Content(NamedTuple):
 
 def told_time(seconds: float) -> str:
     """Return a time as a person says it: 40 s, 12 min, 5.5 h, 3 days."""
-    for unit, length, most in (("s", 1.0, 120.0), ("min", 60.0, 7200.0), ("h", 3600.0, 172800.0)):
-        if seconds < most:
-            return f"{seconds / length:.2g} {unit}"
-    return f"{seconds / 86400:.2g} days"
+    units = (("s", 1.0, 120.0), ("min", 60.0, 7200.0), ("h", 3600.0, 172800.0), ("days", 86400.0, math.inf))
+    unit, length = next((unit, length) for unit, length, most in units if seconds < most)
+    count = seconds / length
+    return f"{count:.2g} {unit}" if count < 10.0 else f"{count:.0f} {unit}"
 
 
 def code_of(store: RunStore, start: str) -> str:
