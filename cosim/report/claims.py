@@ -45,6 +45,7 @@ from cosim.report.estimates import seeds_of
 from cosim.report.figures_module import MOST_LETTERS, call, shortened
 from cosim.results import SweepDescription
 from cosim.settings import Settings
+from cosim.statistics.digits import digits
 from cosim.statistics.equivalence import place
 from cosim.statistics.intervals import CONFIDENCE, Estimate, cautious, estimate, interval
 
@@ -251,7 +252,7 @@ def _held(claim: Claim, rows: pd.DataFrame, found: Estimate) -> tuple[bool | Non
     if not found.known:
         return None, "a single replicate has no interval"
     if test == INTERVAL:
-        ends = f"the interval {found.low:.4g} to {found.high:.4g}"
+        ends = f"the interval {digits(found.low, 4)} to {digits(found.high, 4)}"
         inside = found.low <= published <= found.high
         return inside, f"{published:g} lies {'in' if inside else 'outside'} {ends}, which says little if that is wide"
     within = _WITHIN.fullmatch(test)
@@ -260,13 +261,13 @@ def _held(claim: Claim, rows: pd.DataFrame, found: Estimate) -> tuple[bool | Non
     high = math.inf if test == "at least" else published + slack
     seeds = seeds_of(rows)
     found = cautious(rows[ANSWER], seeds)
-    ends = f"the interval {found.low:.4g} to {found.high:.4g}"
+    ends = f"the interval {digits(found.low, 4)} to {digits(found.high, 4)}"
     replicates = len(rows) if seeds is None else seeds[rows[ANSWER].notna()].nunique()
     placed = place(found, low, high, replicates)
     asked = f"{test} of {published:g}" if within else f"{test} {published:g}"
     if placed.within is not None:
         return placed.within, f"{'all' if placed.within else 'no part'} of {ends} is {asked}"
-    return None, f"{ends} crosses the bound {placed.bound:.4g} ({asked}); {_needs(placed.needed)}"
+    return None, f"{ends} crosses the bound {digits(placed.bound, 4)} ({asked}); {_needs(placed.needed)}"
 
 
 def _all_equal(values: Floats, published: float) -> tuple[bool, str]:

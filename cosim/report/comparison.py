@@ -29,6 +29,7 @@ from scipy import stats
 
 from cosim.arrays import Floats
 from cosim.randomness import Streams
+from cosim.statistics.digits import digits
 from cosim.statistics.intervals import CONFIDENCE
 
 Answer: TypeAlias = tuple[str, bool | None]
@@ -57,8 +58,8 @@ class Limits(NamedTuple):
 
     def text(self, unit: str = "") -> str:
         """Return the mean with its limits."""
-        text = f"{self.mean:.3g} {unit}".strip()
-        return text if math.isnan(self.lower) else f"{text} ({self.lower:.3g} to {self.upper:.3g})"
+        text = f"{digits(self.mean, 3)} {unit}".strip()
+        return text if math.isnan(self.lower) else f"{text} ({digits(self.lower, 3)} to {digits(self.upper, 3)})"
 
 
 # ---------------------------------------------------------------- samples: a value a replicate
@@ -266,7 +267,7 @@ def more(runs: pd.DataFrame, pairs: Sequence[tuple[str, Arm, str, Arm, str]]) ->
         if not difference.size:
             return NO_DATA
         one, two = both.mean()
-        words.append(f"{label} {one:.3g} against {two:.3g}, difference {difference.text()}".strip())
+        words.append(f"{label} {digits(one, 3)} against {digits(two, 3)}, difference {difference.text()}".strip())
         holds.append(difference.exceeds(0))
     return ("; ".join(words), all_hold(holds)) if holds else NO_DATA
 
@@ -294,7 +295,7 @@ def never(runs: pd.DataFrame, arms: Sequence[Arm], metric: str, label: str = "",
     if not found or any(part.empty for part in found):
         return NO_DATA
     every = pd.concat(found)
-    words = f"{label} {every.mean():.3g} {unit}".strip()
+    words = f"{label} {digits(every.mean(), 3)} {unit}".strip()
     return f"{words} a run, in {int((every > 0).sum())} of {len(every)}", not every.any()
 
 
@@ -303,13 +304,13 @@ def never(runs: pd.DataFrame, arms: Sequence[Arm], metric: str, label: str = "",
 
 def against(both: pd.DataFrame, unit: str = "") -> str:
     """Return the means of the columns 0 and 1, and the ratio of the means with its one-sided 95 % limits."""
-    one, other = (f"{mean:.4g}" for mean in both.mean().iloc[:2])
+    one, other = (digits(mean, 4) for mean in both.mean().iloc[:2])
     text = f"{one} against {other} {unit}".rstrip()
     if not (both[1] > 0).any():
         return text
     ratio = ratio_of_means(both)
-    text += f" (x {ratio.mean:.3g}"
-    return text + (")" if math.isnan(ratio.lower) else f", {ratio.lower:.3g} to {ratio.upper:.3g})")
+    text += f" (x {digits(ratio.mean, 3)}"
+    return text + (")" if math.isnan(ratio.lower) else f", {digits(ratio.lower, 3)} to {digits(ratio.upper, 3)})")
 
 
 def saving_text(share: Limits) -> str:
@@ -320,7 +321,7 @@ def saving_text(share: Limits) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"
+    return f"{digits(100 * share, 3)} %"
 
 
 def share_text(share: Limits) -> str:

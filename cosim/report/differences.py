@@ -21,6 +21,7 @@ from cosim.experiment import named
 from cosim.parts import Parts
 from cosim.report.figures_module import shortened
 from cosim.results import FIXED, OBSERVATION_FIXED, RunStore, SweepDescription
+from cosim.statistics.digits import digits
 from cosim.statistics.intervals import CONFIDENCE, Estimate, bootstrapped, paired, unpaired
 
 Changes: TypeAlias = dict[str, tuple[Any, Any]]
@@ -53,15 +54,15 @@ class Effect(NamedTuple):
     def row(self) -> dict[str, Any]:
         """Return the effect as a row of the table."""
         relative = 100 * self.effect.mean / abs(self.first) if self.first else math.nan
-        interval = f"{self.effect.low:.3g} to {self.effect.high:.3g}" if self.effect.known else NONE
+        interval = f"{digits(self.effect.low, 3)} to {digits(self.effect.high, 3)}" if self.effect.known else NONE
         return {
             "arm": self.arm or NONE,
             "metric": self.metric,
-            "A": f"{self.first:.4g}",
-            "B": f"{self.second:.4g}",
-            "B - A": f"{self.effect.mean:.4g}",
+            "A": digits(self.first, 4),
+            "B": digits(self.second, 4),
+            "B - A": digits(self.effect.mean, 4),
             "95 % interval": interval + (" *" if self.is_apart else ""),
-            "%": NONE if math.isnan(relative) else f"{relative:.3g}",
+            "%": NONE if math.isnan(relative) else digits(relative, 3),
             "correlation": NONE if math.isnan(self.correlation) else f"{self.correlation:.2f}",
             "seeds": self.seeds or "not paired",
         }

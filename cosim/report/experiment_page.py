@@ -22,6 +22,7 @@ from cosim.report.sensitivity import design_of, design_rows
 from cosim.report.sweep_report import Report
 from cosim.results import RunStore, versions
 from cosim.trace import drafted
+from cosim.upkeep import told_time
 
 MOST_FAILURES: Final = 200
 """The most runs that failed which a page names."""
@@ -193,7 +194,7 @@ class _Page:
         told = {
             "seeds": f"{_ranges(seeds)}, the same for every arm" if seeds else "none",
             "replicates": self._sweep.replicates,
-            "time the runs took": f"{self._runs['wall_s'].sum():.4g} s",
+            "time the runs took": told_time(self._runs["wall_s"].sum()),
             "digest of the code": tag("code", self._sweep.code),
             "commit": tag("code", ", ".join(filter(None, self._metadata.get("commit", []))) or "not known"),
         }

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from cosim.arrays import Floats
 from cosim.randomness import Streams
+from cosim.statistics.digits import digits
 
 CONFIDENCE: Final = 0.95
 RESAMPLES: Final = 9999
@@ -55,10 +56,10 @@ class Estimate(NamedTuple):
         if not self.size:
             return "-"
         if not self.half > 1e-12 * abs(self.mean):  # NaN for a single run; less is the rounding of the sum
-            return f"{self.mean:.4g}"
+            return digits(self.mean, 4)
         if abs(self.high + self.low - 2 * self.mean) > UNEVEN * (self.high - self.low):
-            return f"{self.mean:.4g} ({self.low:.3g} to {self.high:.3g})"
-        return f"{self.mean:.4g} ± {self.half:.2g}"
+            return f"{digits(self.mean, 4)} ({digits(self.low, 3)} to {digits(self.high, 3)})"
+        return f"{digits(self.mean, 4)} ± {digits(self.half, 2)}"
 
 
 NOTHING: Final = Estimate(math.nan, math.nan, math.nan, 0)

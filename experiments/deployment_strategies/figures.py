@@ -26,6 +26,7 @@ from cosim.report.comparison import (
     paired,
     ratio_of_means,
 )
+from cosim.statistics.digits import digits
 
 IN_TIME: Final = 0.9
 """Share of the runs that must end deployed for a strategy to count as robust."""
@@ -97,7 +98,7 @@ def lowers(strategy: str, size: int | None, metric: str, runs: pd.DataFrame, obs
     if both.empty:
         return NO_DATA
     found = confidence_limits(both[1] - both[0])
-    one, other = (f"{mean:.4g}" for mean in both.mean())
+    one, other = (digits(mean, 4) for mean in both.mean())
     words = f"{one} with against {other} {UNIT} without; {found.text(UNIT)} less"
     if (both[1] > 0).any():
         words += f", x {ratio_of_means(both).mean:.3g}"

@@ -15,6 +15,7 @@ from scipy import stats
 
 from cosim.report.estimates import estimates
 from cosim.report.saving import save
+from cosim.statistics.digits import digits
 from cosim.statistics.intervals import CONFIDENCE
 from experiments.failure_detection.theory import nfd_s
 
@@ -53,7 +54,7 @@ def few_mistakes(bound_s: float, published_s: float, runs: pd.DataFrame, observa
     most = stats.chi2.ppf(1.0 - tail, 2 * count + 2) / 2.0
     least = stats.chi2.ppf(tail, 2 * count) / 2.0 if count else 0.0
     longest_s = watched_s / least if count else math.inf
-    text = f"{count} mistakes in {watched_s:.0f} s: {watched_s / most:.4g} to {longest_s:.4g}"
+    text = f"{count} mistakes in {watched_s:.0f} s: {digits(watched_s / most, 4)} to {digits(longest_s, 4)}"
     return text, bool(watched_s / most <= published_s <= longest_s)
 
 

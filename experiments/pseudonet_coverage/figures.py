@@ -11,6 +11,7 @@ from scipy import stats
 
 from cosim.report.comparison import NO_DATA, Answer, by_replicate, confidence_limits, levels, none_fails
 from cosim.report.saving import save
+from cosim.statistics.digits import digits
 
 SLOT_MS = 0.625
 RADIOS: Final = {"bluetooth": "inquiry of v1.2", "bluetooth v1.1": "inquiry of v1.1, as in the paper"}
@@ -50,7 +51,7 @@ def _interval(values: "pd.Series[float]") -> str:
     if len(known) < 2:
         return f"{known.mean():+.4g}" if len(known) else "-"
     half = stats.t.ppf(0.975, len(known) - 1) * known.std(ddof=1) / len(known) ** 0.5
-    return f"{known.mean():+.4g} ± {half:.2g}"
+    return f"{known.mean():+.4g} ± {digits(half, 2)}"
 
 
 def overhead(runs: pd.DataFrame, observations: pd.DataFrame) -> tuple[str, bool | None]:
@@ -58,7 +59,7 @@ def overhead(runs: pd.DataFrame, observations: pd.DataFrame) -> tuple[str, bool 
     if runs.empty or not {"algorithm", *OVERHEAD} <= set(runs):
         return "-", None
     sums = runs.assign(overhead=runs[OVERHEAD].sum(axis=1)).groupby("algorithm", sort=False)["overhead"].mean()
-    return ", ".join(f"{algorithm} {value:.4g}" for algorithm, value in sums.items()), None
+    return ", ".join(f"{algorithm} {digits(value, 4)}" for algorithm, value in sums.items()), None
 
 
 def exchange_time(runs: pd.DataFrame, observations: pd.DataFrame) -> tuple[str, bool | None]:
