@@ -13,9 +13,14 @@ from cosim.report.comparison import Answer, Arm, Limits, by_replicate, less_cens
 from cosim.report.saving import save
 from experiments.modern_radios.comparing import NO_CELL, RADIOS, TASKS, UNDISTURBED, Parameters, Radio, Task
 
-TITLES: Final = axis_titles(Path(__file__).parent)["radio"]
+TITLES: Final = axis_titles(Path(__file__).parent)
 SLIGHT: Final = 1.1
 """Factor of a time that costs little."""
+NEEDS_A_LINK: Final = "needs a link"
+"""What a cell says over which a task cannot be done."""
+LEAST: Final = 0.8
+"""Lower end of the figure's axis."""
+TICKS: Final = (0.8, 1.0, 1.2, 1.5, 2.0, 3.0, 4.0)
 AIRS: Final = {"alone": "alone on the air", "others": "two pairs of each other technology beside it"}
 
 
@@ -44,17 +49,20 @@ def times(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> Limits | No
 
 def table(runs: pd.DataFrame) -> str:
     """Return the table of all cells in Markdown: times as long as at once, failures, energy; or why there is none."""
-    lines = ["| radio | " + " | ".join(TASKS) + " |", "|---" * (len(TASKS) + 1) + "|"]
+    lines = ["| radio | " + " | ".join(TITLES["task"].values()) + " |", "|---" * (len(TASKS) + 1) + "|"]
     undisturbed = []
     for radio in RADIOS:
         for air in AIRS:
-            name = TITLES.get(radio, radio) + ("" if air == "alone" else ", others on the air")
+            name = TITLES["radio"][radio] + ("" if air == "alone" else ", others on the air")
             if {_missing(task, radio, air) for task in TASKS} == {UNDISTURBED}:
                 undisturbed.append(name)
                 continue
             cells = [_cell(runs, task, radio, air) for task in TASKS]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join([*lines, "", f"No rows: {'; '.join(undisturbed)} ({UNDISTURBED})."])
+    reasons = {task: why for (task, _), why in NO_CELL.items()}
+    told = "; ".join(f"{task}: {why}" for task, why in reasons.items())
+    notes = f"*{NEEDS_A_LINK}*: {told}.", "", f"No rows: {'; '.join(undisturbed)} ({UNDISTURBED})."
+    return "\n".join([*lines, "", *notes])
 
 
 def _missing(task: Task, radio: Radio, air: str) -> str | None:
@@ -62,9 +70,8 @@ def _missing(task: Task, radio: Radio, air: str) -> str | None:
 
 
 def _cell(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> str:
-    missing = _missing(task, radio, air)
-    if missing is not None:
-        return f"none: {missing}"
+    if _missing(task, radio, air) is not None:
+        return NEEDS_A_LINK
     ratio, arm = times(runs, task, radio, air), _arm(task, radio, air)
     done = by_replicate(runs, arm, "done")
     if ratio is None or done.empty:
@@ -89,13 +96,18 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             _draw_ratios(plot, runs, task, air, shift, label)
         for place, radio in enumerate(radios):
             if (task, radio) in NO_CELL:
-                plot.annotate("needs a link", (place, 1.0), rotation=90, ha="center", va="center", fontsize=7)
+                plot.annotate(
+                    NEEDS_A_LINK, (place, 1.03), rotation=90, ha="center", va="bottom", fontsize=8, color="#555555"
+                )
         plot.axhline(1.0, color="#888888", linewidth=1)
-        plot.set(title=task, xlim=(-0.6, len(radios) - 0.4))
-        plot.set_xticks(range(len(radios)), [TITLES.get(radio, radio) for radio in radios], rotation=90)
+        plot.set(title=TITLES["task"][task], xlim=(-0.6, len(radios) - 0.4))
+        plot.set_xticks(range(len(radios)), [TITLES["radio"][radio] for radio in radios], rotation=90)
         plot.grid(axis="y", alpha=0.3)
     plots[0].set_ylabel("times as long as with messages at once")
-    plots[0].set_ylim(bottom=0.0)
+    plots[0].set_yscale("log")  # a ratio: half as long is as far from 1 as twice as long
+    plots[0].set_ylim(bottom=LEAST)
+    plots[0].set_yticks(TICKS, [f"{tick:g}" for tick in TICKS])
+    plots[0].minorticks_off()
     figure.legend(*plots[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AIRS), fontsize="small")
     (folder / "modern_radios.md").write_text(table(runs) + "\n", encoding="utf-8")
     return [save(figure, folder / "modern_radios.png")]

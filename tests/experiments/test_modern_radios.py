@@ -102,12 +102,11 @@ def test_the_table_tells_every_cell(tmp_path: Path) -> None:
     table = figures.table(runs)
     assert "| ideal | 102 s | no data |" in table
     assert "| 802.11b, others on the air | x 1.50 (1.50 to 1.50), 2 of 5 not done |" in table
-    assert (
-        "| LE broadcasts | no data | no data | none: searchers answer their host alone, which takes a link |" in table
-    )
+    assert "| LE broadcasts | no data | no data | needs a link | needs a link | needs a link |" in table
+    assert "*needs a link*: aggregation: searchers answer their host alone, which takes a link; pseudonet:" in table
     assert "optical, others on the air |" not in table
     assert table.endswith("optical, others on the air (nothing at 2.4 GHz disturbs it).")
-    assert len(table.splitlines()) == 2 + 2 * len(RADIOS) - 2 + 2  # all radios, alone and with others, but for two
+    assert len(table.splitlines()) == 2 + 2 * len(RADIOS) - 2 + 4  # all radios, alone and with others, but for two
     (picture,) = figures.draw(runs, NOTHING, tmp_path)
     assert picture.stat().st_size > 10_000
     assert (tmp_path / "modern_radios.md").read_text() == table + "\n"
