@@ -319,7 +319,9 @@ def _expectation(error: ErrorDetails, names: Iterable[str]) -> str:
         shown = value.get(_discriminator(error)) if chosen else value
         limit = context[key]
         return f"{_short(shown)} {sentence.format(f'{limit:g}' if isinstance(limit, float) else limit)}"
-    message = error["msg"].removeprefix("Input should be ")
+    if kind in ("bool_parsing", "bool_type"):
+        return f"{_short(value)} is not true or false"
+    message = error["msg"].removeprefix("Input should be ").split(", unable to")[0]
     return f"{_short(value)} is not {message}" if message != error["msg"] else f"{_short(value)}: {message.lower()}"
 
 

@@ -151,6 +151,28 @@ def test_an_error_has_the_path_to_its_field_and_no_more(plain: dict[str, Any], e
     assert len(str(raised.value)) <= 300
 
 
+class Reading(Settings):
+    count: int = 1
+    share: float = 1.0
+    asks: bool = False
+
+
+@pytest.mark.parametrize(
+    ("plain", "expected"),
+    [
+        ({"count": "many"}, "count: 'many' is not a valid integer"),
+        ({"count": 1.5}, "count: 1.5 is not a valid integer, got a number with a fractional part"),
+        ({"share": "half"}, "share: 'half' is not a valid number"),
+        ({"asks": "yes please"}, "asks: 'yes please' is not true or false"),
+        ({"asks": None}, "asks: None is not true or false"),
+    ],
+)
+def test_what_cannot_be_read_is_told_in_words_of_the_document(plain: dict[str, Any], expected: str):
+    with pytest.raises(UserError) as raised:
+        validated(Reading, plain, "r.yaml")
+    assert str(raised.value) == f"r.yaml: {expected}"
+
+
 def test_all_places_that_are_wrong_are_named():
     with pytest.raises(UserError) as raised:
         validated(

@@ -145,7 +145,8 @@ def _law(radio: int, settings: ChannelSettings) -> PropagationSettings:
     except ValueError as error:
         raise error_at(place, settings.kind, f"shares no air, {error}") from None
     if law is None:
-        raise error_at((*place, "propagation"), None, "is not a law: needed where the air is shared")
+        told = "is missing: a shared air needs a law, such as {model: free_space}"
+        raise error_at((*place, "propagation"), settings, told)
     return law
 
 

@@ -438,6 +438,14 @@ def test_faults_that_no_radio_would_notice_are_refused() -> None:
         ({"team": {"radios": [1]}, "channel": {"kind": "ideal"}}, r"team\.radios: \[1\] names radio 1"),
         ({"channel": {"kind": "radios", "radios": []}}, r"channel\.radios: \[\]"),
         (
+            {"channel": {"kind": "radios", "air": "shared", "radios": [{"kind": "ble"}]}},
+            r"channel\.radios\[0\]\.propagation: is missing: a shared air needs a law, such as \{model: free_space\}",
+        ),
+        (
+            {"channel": {"kind": "radios", "radios": [{"kind": "ble", "connection": {"interval_s": 5}}]}},
+            r"channel\.radios\[0\]\.connection: connection interval: 5000 ms is not a multiple of 1\.25 ms from 7\.5 to",
+        ),
+        (
             {"channel": {"kind": "radios", "radios": [TWO]}},
             r"channel\.radios\[0\]\.kind: 'radios' is not a channel for one radio",
         ),

@@ -190,7 +190,7 @@ class ConnectionSettings(Settings):
         try:
             interval = self.parameters.interval
         except UserError as error:
-            raise error_at((), self.interval_s, str(error)) from None
+            raise error_at((), self, str(error)) from None
         most = interval // self.least_part
         if not most:
             raise error_at(("interval_s",), self.interval_s, f"s is too short for a link on {self.phy}")
