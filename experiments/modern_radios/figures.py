@@ -5,12 +5,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.experiment import axis_titles
-from cosim.report.comparison import Answer, Arm, Limits, by_replicate, less_censored, mean_ratio, paired
+from cosim.report.comparison import Answer, Arm, by_replicate, less_censored, paired
 from cosim.report.saving import save
+from cosim.statistics.intervals import NOTHING, Estimate, estimate
 from experiments.modern_radios.comparing import NO_CELL, RADIOS, TASKS, UNDISTURBED, Parameters, Radio, Task
 
 TITLES: Final = axis_titles(Path(__file__).parent)
@@ -41,10 +43,16 @@ def undisturbed(task: Task, radio: Radio, runs: pd.DataFrame, observations: pd.D
 # ---------------------------------------------------------------- the table and the figure
 
 
-def times(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> Limits | None:
-    """Return how many times as long a cell's task takes as with messages that arrive at once; None without runs."""
-    arm, ideal = _arm(task, radio, air), _arm(task, "ideal")
-    return None if paired(runs, [arm, ideal], "time_s").empty else mean_ratio(runs, arm, ideal, "time_s")
+def times(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> Estimate:
+    """Return how many times as long a cell's task takes as with messages that arrive at once: NOTHING without runs.
+
+    It is the geometric mean of the replicates' ratios, with its 95 % confidence interval.
+    """
+    both = paired(runs, [_arm(task, radio, air), _arm(task, "ideal")], "time_s")
+    if both.empty:
+        return NOTHING
+    found = estimate(np.log(both[0] / both[1]))
+    return found._replace(mean=math.exp(found.mean), low=math.exp(found.low), high=math.exp(found.high))
 
 
 def table(runs: pd.DataFrame) -> str:
@@ -74,10 +82,10 @@ def _cell(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> str:
         return NEEDS_A_LINK
     ratio, arm = times(runs, task, radio, air), _arm(task, radio, air)
     done = by_replicate(runs, arm, "done")
-    if ratio is None or done.empty:
+    if not ratio.size or done.empty:
         return "no data"
     mean_s = by_replicate(runs, arm, "time_s").mean()
-    text = f"{mean_s:.0f} s" if radio == "ideal" else f"x {ratio.mean:.2f} ({ratio.lower:.2f} to {ratio.upper:.2f})"
+    text = f"{mean_s:.0f} s" if radio == "ideal" else f"x {ratio.mean:.2f} ({ratio.low:.2f} to {ratio.high:.2f})"
     failed = int((done < 1).sum())
     energy_j = by_replicate(runs, arm, "radio_energy_j").mean()
     text += f", {failed} of {len(done)} not done" if failed else ""
@@ -116,11 +124,11 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
 def _draw_ratios(plot: Any, runs: pd.DataFrame, task: Task, air: str, shift: float, label: str) -> None:
     colour, marker = ("C0", "o") if air == "alone" else ("C3", "s")
     found = [(place, times(runs, task, radio, air)) for place, radio in enumerate(RADIOS[1:])]
-    known = [(place + shift, ratio) for place, ratio in found if ratio is not None]
+    known = [(place + shift, ratio) for place, ratio in found if ratio.size]
     means = [ratio.mean for _, ratio in known]
     errors = [
-        [0.0 if math.isnan(ratio.lower) else ratio.mean - ratio.lower for _, ratio in known],
-        [0.0 if math.isnan(ratio.upper) else ratio.upper - ratio.mean for _, ratio in known],
+        [ratio.mean - ratio.low if ratio.known else 0.0 for _, ratio in known],
+        [ratio.high - ratio.mean if ratio.known else 0.0 for _, ratio in known],
     ]
     places = [place for place, _ in known]
     plot.errorbar(places, means, yerr=errors, fmt=marker, color=colour, capsize=3, markersize=4, label=label)
