@@ -6,12 +6,14 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from cosim.results import RunStore
 from cosim.scenario import build
 from cosim.simulation import Simulation
 from cosim.trace import TRANSMISSIONS
 from experiments.modern_radios import figures
 from experiments.modern_radios.comparing import NO_CELL, RADIOS, STATIONS, TASKS, Parameters, Radio, Task, measure
 
+ROOT = Path(__file__).parents[2]
 NOTHING = pd.DataFrame()
 
 
@@ -96,6 +98,15 @@ def test_each_row_has_its_test() -> None:
     assert len(rows) == 2 * 5 * len(RADIOS[1:]) - 5 - 2 * len(NO_CELL)  # light is not disturbed by radio
 
 
+def test_ratios_have_the_interval_of_student_on_their_logarithms() -> None:
+    runs = made({("reflection", "ideal", "alone"): 1.0, ("reflection", "optical", "alone"): 1.0})
+    runs = runs[runs["replicate"] < 3].assign(time_s=[10.0, 10.0, 10.0, 10.0, 20.0, 40.0])
+    ratio = figures.times(runs, "reflection", "optical", "alone")
+    half = 4.302653 * math.log(2) / math.sqrt(3)  # t of two degrees of freedom, 97.5 %
+    assert ratio.mean == pytest.approx(2.0)
+    assert (ratio.low, ratio.high) == pytest.approx((2.0 * math.exp(-half), 2.0 * math.exp(half)), rel=1e-6)
+
+
 def test_the_table_tells_every_cell(tmp_path: Path) -> None:
     ideal = {("reflection", "ideal", "alone"): 1.0}
     runs = made(ideal | {("reflection", "802.11b", "others"): 1.5}, failed=2)
@@ -110,3 +121,9 @@ def test_the_table_tells_every_cell(tmp_path: Path) -> None:
     (picture,) = figures.draw(runs, NOTHING, tmp_path)
     assert picture.stat().st_size > 10_000
     assert (tmp_path / "modern_radios.md").read_text() == table + "\n"
+
+
+@pytest.mark.parametrize("page", ["README.md", "experiments/modern_radios/README.md"])
+def test_the_pages_have_the_table_of_the_kept_rows(page: str) -> None:
+    table = figures.table(RunStore(ROOT / "results" / "modern_radios").present())
+    assert table in (ROOT / page).read_text(encoding="utf-8")
