@@ -41,14 +41,11 @@ def settings_in(random: Random, number: int) -> dict[str, Any]:
         "octets": random.choice((27, 100, 251)),
         "links": random.choice((None, 1)),
     }
+    by = WAYS[number % 3] if broadcast == "1M" else "extended"
+    repeated = {"events": random.choice((1, 3)), "interval_s": random.choice((0.02, 0.05))}
     return {
         "connection": connection,
-        "broadcast": {
-            "by": WAYS[number % 3] if broadcast == "1M" else "extended",
-            "phy": broadcast,
-            "events": random.choice((1, 3)),
-            "interval_s": random.choice((0.02, 0.05)),
-        },
+        "broadcast": {"by": by, "phy": broadcast, **({} if by == "mesh" else repeated)},
         "advertise": {"interval_s": random.choice((0.02, 0.1, 0.2))},
         "scan": {"interval_s": 0.03, "window_s": random.choice((0.01, 0.03)), "active": random.random() < 0.5},
         "clock_ppm": random.choice((0, 20, 500)),
