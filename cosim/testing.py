@@ -352,7 +352,7 @@ def _nothing_raised(what: str) -> Iterator[None]:
         yield
     except LawError:
         raise
-    except Exception as error:  # that nothing at all is raised is the law; raised again as what breaks it
+    except Exception as error:  # whatever a machine raises here breaks the law that is checked, and is reported as that
         raise LawError(f"{what} raised {error!r}") from error
 
 

@@ -11,6 +11,7 @@ from cosim.columns import union
 from cosim.errors import UserError
 from cosim.parts import TABLES, Key
 from cosim.results import RUN, RunStore
+from cosim.statistics.digits import digits
 
 LATELY_S: Final = 300.0
 """Span over which ``status`` averages how fast runs are finished."""
@@ -65,8 +66,7 @@ def told_time(seconds: float) -> str:
     """Return a time as a person says it: 40 s, 12 min, 5.5 h, 3 days."""
     units = (("s", 1.0, 120.0), ("min", 60.0, 7200.0), ("h", 3600.0, 172800.0), ("days", 86400.0, math.inf))
     unit, length = next((unit, length) for unit, length, most in units if seconds < most)
-    count = seconds / length
-    return f"{count:.2g} {unit}" if count < 10.0 else f"{count:.0f} {unit}"
+    return f"{digits(seconds / length, 2)} {unit}"
 
 
 def code_of(store: RunStore, start: str) -> str:

@@ -41,13 +41,13 @@ def seeds(store: RunStore) -> list[int]:
     [
         (0.3, "0.3 s"),
         (40, "40 s"),
-        (119, "119 s"),
+        (119, "120 s"),
         (720, "12 min"),
         (6600, "110 min"),
         (19_800, "5.5 h"),
         (172_800, "2 days"),
         (1e6, "12 days"),
-        (1e7, "116 days"),
+        (1e7, "120 days"),
     ],
 )
 def test_times_are_told_as_a_person_says_them(seconds: float, told: str):

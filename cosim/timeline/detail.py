@@ -101,7 +101,7 @@ def _decoded(decode: Decode | None, carried: str, sent: Row | None, nearby: Near
     try:
         said = decode(bytes.fromhex(carried), sent, nearby)
         json.dumps(said)
-    except Exception as error:  # noqa: BLE001  # an installed protocol's code, for one field of a page, which shows it
+    except Exception as error:  # noqa: BLE001  # a protocol's decoder may raise anything; its field of the page says what
         return f"cannot be decoded: {type(error).__name__}: {error}"
     return said
 

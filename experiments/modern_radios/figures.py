@@ -58,18 +58,18 @@ def times(runs: pd.DataFrame, task: Task, radio: Radio, air: str) -> Estimate:
 def table(runs: pd.DataFrame) -> str:
     """Return the table of all cells in Markdown: times as long as at once, failures, energy; or why there is none."""
     lines = ["| radio | " + " | ".join(TITLES["task"].values()) + " |", "|---" * (len(TASKS) + 1) + "|"]
-    undisturbed = []
+    omitted = []
     for radio in RADIOS:
         for air in AIRS:
             name = TITLES["radio"][radio] + ("" if air == "alone" else ", others on the air")
             if {_missing(task, radio, air) for task in TASKS} == {UNDISTURBED}:
-                undisturbed.append(name)
+                omitted.append(name)
                 continue
             cells = [_cell(runs, task, radio, air) for task in TASKS]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
     reasons = {task: why for (task, _), why in NO_CELL.items()}
     told = "; ".join(f"{task}: {why}" for task, why in reasons.items())
-    notes = f"*{NEEDS_A_LINK}*: {told}.", "", f"No rows: {'; '.join(undisturbed)} ({UNDISTURBED})."
+    notes = f"*{NEEDS_A_LINK}*: {told}.", "", f"No rows: {'; '.join(omitted)} ({UNDISTURBED})."
     return "\n".join([*lines, "", *notes])
 
 
