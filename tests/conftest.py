@@ -60,7 +60,16 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tests that wait for browsers and for whole commands: others use the processors meanwhile."""
+    """Begin with the tests that wait for browsers and for whole commands: others use the processors meanwhile.
+
+    The whole soak may take hours; CI's share of it has the limit that all tests have.
+    """
+    from tests.tiers import SOAK_SHARE
+
+    if SOAK_SHARE == 1:
+        for item in items:
+            if item.get_closest_marker("soak"):
+                item.add_marker(pytest.mark.timeout(0))
     items.sort(key=lambda item: not (item.path.parent.name in ("web", "page") or item.path.name == "test_wheel.py"))
 
 
