@@ -365,7 +365,10 @@ def test_who_waits_for_an_answer_when_the_server_goes_is_told_and_may_ask_again(
         page.wait_for_selector("#trouble:not([hidden])")
         for name in ("#execute", "#tailor", "#execute-tailored"):
             page.wait_for_selector(f"{name}:enabled", timeout=10_000)
-        assert page.inner_text("#trouble-text") == page.inner_text("#robot-said") == "The server has been ended."
+        why = page.inner_text("#trouble-text")
+        # its last word is lost, and the page finds it gone, if the page was just telling it something
+        assert why in ("The server has been ended.", "The server is gone.")
+        assert page.inner_text("#robot-said") == why
         page.faults.clear()
 
 
