@@ -9,7 +9,7 @@ SOAK_SHARE ?= 1.0
 
 # other interpreters than PYTHON, of which those are tried that are here
 PYTHONS ?= python3.12 python3.13
-TRIED := $(patsubst %,tests/test_%.py,architecture cli experiment kernel randomness scenario settings simulation trace)
+TRIED := $(patsubst %,tests/test_%.py,cli experiment kernel randomness scenario settings simulation trace)
 
 .PHONY: setup run sweep report test fast soak check pythons bench bench-peers docs fresh format clean
 
