@@ -355,7 +355,7 @@ def test_what_the_table_does_not_hold_cannot_happen() -> None:
 # ---------------------------------------------------------------- all that can happen
 
 QUICK = [Budget(2, 1, 0, 2), Budget(2, 0, 1, 1), Budget(0, 0, 1, 2), Budget(0, 1, 1, 1)]
-"""Two losses or delays, a crash with forgetting, a partition, two calls: as many at a time as a quarter of a minute is for."""
+"""Two losses or delays, a crash with forgetting, a partition, two calls: as many at a time as a few seconds are for."""
 LONG = [Budget(1, 1, 1, 1), Budget(2, 0, 1, 2), Budget(2, 1, 1, 1), Budget(0, 1, 1, 2)]
 """A few million states, five minutes."""
 WHOLE = Budget(2, 1, 1, 2)
