@@ -87,9 +87,9 @@ class Parameters(TeamParameters):
         description="share of all cells that a robot of OSCARD or random walk covers itself before it stops",
     )
     departure: bool = Field(
-        default=False,
-        description="OSCARD and random walk: a robot that stops leaves the team for good, is neither polled nor asked; "
-        "else it stays a member that moves no more",
+        default=True,
+        description="OSCARD and random walk: a robot that stops leaves the team for good, is neither polled nor asked "
+        "(paper 003, III.A); else it stays a member that moves no more (V)",
     )
     patience: Count = Field(default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks")
     history: Count = Field(default=12, gt=0, description="OSCARD: cells that a robot remembers to notice revisits")
