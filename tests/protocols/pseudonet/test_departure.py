@@ -68,6 +68,14 @@ def test_a_robot_that_stops_and_stays_is_polled_to_the_end() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["boustrophedon", "spanning_tree"])
+def test_a_robot_whose_tour_is_over_departs_not_as_it_has_still_to_make_room(algorithm: str) -> None:
+    _, outcome = run(scenario(algorithm, 3, "ideal", departure=True))
+    assert when(outcome, "stop")
+    assert not departures(outcome)
+
+
+@pytest.mark.slow
 def test_a_robot_that_has_departed_stays_where_it_is_and_the_others_go_around_it() -> None:
     simulation, outcome = four(departure=True)
     poses = outcome.trace.columns(POSES.name)
