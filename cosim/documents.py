@@ -297,14 +297,14 @@ def _prefix(place: Place, source: str, assignments: Sequence[Assignment]) -> str
     return f"{source}{made}: {show_place(place)}" if place else f"{source}{made}"
 
 
-def _expectation(error: ErrorDetails, names: Iterable[str]) -> str:
+def _expectation(error: ErrorDetails, models: Sequence[type[BaseModel]]) -> str:
     kind, context, value = error["type"], error.get("ctx", {}), error["input"]
     if kind == "missing":
         return "is missing"
     if kind == "union_tag_not_found":
         return f"is missing, in {_short(value)}"
     if kind == "extra_forbidden":
-        return f"{_short(value)} is not expected here: there is no such key{nearest(str(error['loc'][-1]), names)}"
+        return f"{_short(value)} is not expected here: there is no such key{_instead(str(error['loc'][-1]), models)}"
     if kind == "model_type":
         return f"{_short(value)} is not a mapping of settings"
     if kind == "model_attributes_type":  # settings of one of several kinds
@@ -325,6 +325,15 @@ def _expectation(error: ErrorDetails, names: Iterable[str]) -> str:
     return f"{_short(value)} is not {message}" if message != error["msg"] else f"{_short(value)}: {message.lower()}"
 
 
+def _instead(name: str, models: Sequence[type[BaseModel]]) -> str:
+    """Return the end of a sentence that says where a setting called *name*, which *models* have not, may belong."""
+    kinds = sorted({kind for each in models if issubclass(each, Settings) for kind in each.kinds_with(name)})
+    if kinds:
+        *others, last = kinds
+        return f", but {', '.join(others)} and {last} have one" if others else f", but {last} has one"
+    return nearest(name, [field for each in models for field in each.model_fields])
+
+
 def _discriminator(error: ErrorDetails) -> str:
     """Return the name of the setting that says of which kind the settings are that *error* is about."""
     return str(error["ctx"]["discriminator"]).strip("'")
@@ -338,10 +347,12 @@ def _short(value: Any, most: int = 60, show: Callable[[Any], str] = repr) -> str
 # ---------------------------------------------------------------- places in a model
 
 
-def _walk(model: type[BaseModel], loc: Place, inner: Mapping[Place, type[BaseModel]]) -> tuple[Place, list[str]]:
-    """Return *loc* without what pydantic puts into it for unions, and the names that exist beside its end."""
+def _walk(
+    model: type[BaseModel], loc: Place, inner: Mapping[Place, type[BaseModel]]
+) -> tuple[Place, list[type[BaseModel]]]:
+    """Return *loc* without what pydantic puts into it for unions, and the models in which its end is looked for."""
     place: list[str | int] = []
-    names: list[str] = []
+    around: list[type[BaseModel]] = []
     here: list[Any] = [model]
     module = model.__module__
     for step in loc:
@@ -353,11 +364,11 @@ def _walk(model: type[BaseModel], loc: Place, inner: Mapping[Place, type[BaseMod
         place.append(step)
         models = [each for each in here if _is_model(each)]
         if isinstance(step, str):
-            names = [name for each in models for name in each.model_fields]
+            around = models
         module = models[0].__module__ if models else module
         found = inner.get(tuple(place))
         here = [found] if found else [type_ for each in here for type_ in _below(each, step, module)]
-    return tuple(place), names
+    return tuple(place), around
 
 
 def _is_model(annotation: Any) -> bool:

@@ -23,6 +23,11 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
 
+    @classmethod
+    def kinds_with(cls, name: str) -> list[str]:
+        """Return the other kinds of such settings that have one called *name*: it may be meant for them."""
+        return []
+
 
 @dataclass(frozen=True)
 class Bounded:

@@ -115,6 +115,14 @@ def test_the_digest_knows_defaults_but_not_the_order_of_keys(depot: Path):
             "channel: {kind: ideal, dely_s: 1}",
             "depot.yaml: channel.dely_s: 1 is not expected here: there is no such key, did",
         ),
+        (
+            "channel: {kind: bluetooth, air: shared}",
+            "depot.yaml: channel.air: 'shared' is not expected here: there is no such key, but radios has one",
+        ),
+        (
+            "channel: {kind: bluetooth, host_jitter_s: 1}",
+            "depot.yaml: channel.host_jitter_s: 1 is not expected here: there is no such key, but adhoc has one",
+        ),
         ("team:\n  size: 3\n  size: 4", "depot.yaml: line 5, column 3: the key 'size' stands twice"),
         ("team: {size: 3", "depot.yaml: line 4, column 1: "),
     ],

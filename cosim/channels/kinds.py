@@ -5,6 +5,7 @@ of which leads to a :class:`ChannelSpec`. Only the one that a scenario names is 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
@@ -33,6 +34,17 @@ class ChannelSettings(Settings):
     """What a scenario can say about a channel: to be derived from, with a default for ``kind``."""
 
     kind: str
+
+    @classmethod
+    def kinds_with(cls, name: str) -> list[str]:
+        """Return the other installed kinds of channels that have a setting called *name*."""
+        found = []
+        for kind in channel_kinds():
+            with suppress(ValueError):  # one that cannot be loaded has none
+                settings = channel_spec(kind).settings
+                if settings is not cls and name in settings.model_fields:
+                    found.append(kind)
+        return found
 
 
 class ChannelSite(NamedTuple):
