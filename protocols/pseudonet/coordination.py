@@ -97,7 +97,7 @@ class Coordination:
         rounds: int = 0,
         departure: bool = False,
     ) -> None:
-        self.departure = departure
+        self.departure = departure and stop_at is not None  # who has made its tour has still to make room for others
         """True if who stops leaves the team."""
         self.view = View(setup, me)
         self.evaluation = Evaluation(Action.STAY, UNJUDGED)

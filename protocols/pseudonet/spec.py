@@ -126,8 +126,7 @@ def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Ge
         step_limit = FREE_STEPS * share
     stop_at = None if parameters.algorithm in PLANNERS else math.ceil(parameters.stop_ratio * len(setup.cells))
     chosen = algorithm(parameters, stream)
-    departure = parameters.departure and stop_at is not None  # who has made its tour has still to make room for others
-    coordination = Coordination(setup, me, chosen, stop_at, parameters.rounds, departure)
+    coordination = Coordination(setup, me, chosen, stop_at, parameters.rounds, parameters.departure)
     return Pseudonet(parameters, setup, me, coordination, step_limit, start)
 
 

@@ -372,6 +372,18 @@ def test_who_waits_for_an_answer_when_the_server_goes_is_told_and_may_ask_again(
         page.faults.clear()
 
 
+@pytest.mark.parametrize(("code", "why"), [(1012, "The server has been ended."), (1013, "Too many pages are open.")])
+def test_a_page_tells_why_its_connection_was_closed(browser: Browser, still: Still, code: int, why: str):
+    served = Served(still, page=PAGE)
+    page = browser.open()
+    page.route_web_socket("**/socket*", lambda way: way.close(code=code))
+    page.goto(served.address)
+    page.wait_for_selector("#trouble:not([hidden])")
+    assert page.inner_text("#trouble-text") == why
+    page.context.close()
+    served.stop()
+
+
 def test_what_the_server_does_not_pass_on_is_not_waited_for(page: Any, still: Still):
     def busy(robot: int, data: Plain) -> list[Plain]:
         raise UserError("the simulation is busy")
