@@ -2,6 +2,7 @@
 
 DWA uses the scan alone then: the cells of a map that is being made are too coarse to keep a close distance from. On a
 floor that was learned it does the same later: ways are planned by the map, and obstacles are what the scanner sees.
+Ways then lead round what has held the robot and is on no map, until its next order.
 """
 
 import math
@@ -20,7 +21,7 @@ from protocols.deployment.driving.mover import Mover, State
 from protocols.deployment.tasks.orders import Result
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.driver import Driver
-from protocols.motion.floor import Aim, Floor
+from protocols.motion.floor import Aim, Blocker, Floor
 from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Other, Track
 
@@ -67,7 +68,8 @@ class ExploringMover(Mover):
         bare = Floor(np.zeros((0, 4)), floor.bounds_m, None, wary)
         slow_mps = min(speed_mps, exploring.speed_mps)
         self._led = Driver(bare, radius_m, slow_mps, acceleration_mps2, wary, tick)
-        if isinstance(floor, LearnedFloor):
+        self._learned = floor if isinstance(floor, LearnedFloor) else None
+        if self._learned is not None:
             self._driver = Driver(bare, radius_m, speed_mps, acceleration_mps2, wary, tick)
 
     def explore(self, now: Time) -> None:
@@ -88,7 +90,10 @@ class ExploringMover(Mover):
         """Return what to do from the next tick on; None if that is what it does already."""
         if not self._exploring.on:
             self._exploring.listen(observation, now)
-            return super().step(observation, others, now)
+            drive = super().step(observation, others, now)
+            if self._learned is not None and self._held:
+                self._note_unmapped(self._learned)
+            return drive
         wish_rad = self._exploring.step(observation, now)
         if self._exploring.over is not None:
             self.state = "idle"
@@ -127,6 +132,15 @@ class ExploringMover(Mover):
         if self._held_for >= from_seconds(HELD_S):
             idle = (track.address for track in self._close() if track.idle)
             self.blocked_by = next(idle, None)
+
+    def _note_unmapped(self, floor: LearnedFloor) -> None:
+        """Note what is scanned near by and is off the learned walls, for ways to lead round it.
+
+        Counted evidence may lose the end of a wall that has been looked along from both sides.
+        """
+        cell_m = self._own.cell_m
+        for x, y in floor.off_walls(self._driver.points).tolist():
+            self._unmapped.setdefault((math.floor(x / cell_m), math.floor(y / cell_m)), Blocker(x, y, 0.0))
 
     def _heading(self, wish_rad: float, now: Time) -> float:
         """Return the heading in which it is led, or away from the nearest robot for a while if it is held for too long.

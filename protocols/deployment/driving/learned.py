@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from cosim.arrays import Bools, Floats
-from cosim.geometry.segments import segment_grid
+from cosim.geometry.segments import clearance, segment_grid
 from protocols.deployment.planning.planner import Refusal
 from protocols.deployment.tasks.plan import Place, Plan
 from protocols.mapping.belief import Evidence
@@ -19,6 +19,8 @@ from protocols.motion.parameters import DrivingParameters
 
 EXPLORE: Final = "explore first: ways are only known where somebody has been looking"
 """Advice for a play to places that the learned map does not hold."""
+_OFF_CELLS: Final = 0.75
+"""Distance from the outline of an occupied cell, in cells, up to which what is scanned may be in it."""
 _OF_WAYS: Final = ("get to", "no way")
 """Words in conflicts about places without a way."""
 
@@ -51,6 +53,11 @@ class LearnedFloor(Floor):
         self.walls = segment_grid(outlines(evidence > 0, origin_m, cell_m))
         self._grids.clear()
         self._fields.clear()
+
+    def off_walls(self, points_m: Floats) -> Floats:
+        """Return those of the points, shape (n, 2), at which the map has no wall."""
+        near_m = _OFF_CELLS * self._learned_m
+        return points_m[clearance(self.walls, points_m, 2.0 * near_m) > near_m]
 
     def _unseen(self, points: Floats) -> Bools:
         """Return which points, shape (n, 2), are not known to be empty."""

@@ -74,6 +74,8 @@ class Mover:
         self._aside: Place | None = None
         self._field: Field | None = None
         self._among: tuple[Blocker, ...] = ()
+        self._unmapped: dict[tuple[int, int], Blocker] = {}
+        """What has held it and is on no map, as points, one a cell: noted on a learned floor, until the next order."""
         self._planned: Time | None = None
         self._progress, self._made_way, self._held = Progress(_PROGRESS_M), 0, False
         self._started: Time = 0
@@ -131,6 +133,7 @@ class Mover:
     def _begin(self, state: State) -> None:
         self.state, self._aside, self.yielding_to, self.blocked_by = state, None, None, None
         self.remaining_m = None
+        self._unmapped.clear()
         self._forget_progress()
 
     def _forget_progress(self) -> None:
@@ -205,12 +208,13 @@ class Mover:
             self._forget_progress()
 
     def _plan(self, target: Place, now: Time) -> None:
-        """Choose the field to follow: round the robots that stand in the way, if a way leads round them."""
+        """Choose the field to follow: round what no map shows and the robots in the way, if a way leads round them."""
         self._planned = now
         plain = self._floor.field(self._radius_m, target)
         way = plain.way(self._here) or []
         standing = self._in_the_way(way, now)
-        among = tuple(track.blocker for track in standing)
+        bodies, points = [track.blocker for track in standing], list(self._unmapped.values())
+        among = (*bodies, *points)
         self.blocked_by = None
         if not among:
             self._field, self._among = plain, ()
@@ -220,11 +224,12 @@ class Mover:
             self._field, self._among = self._floor.field_among(self._radius_m, target, among), among
         if not self._leads(self._field, target, among):
             self._field, self._among = plain, ()
-            self.blocked_by = standing[0].address
+            self.blocked_by = standing[0].address if standing else None
             # no way leads round all of them: take the one round the nearer ones, if there is one
-            for nearest in range(len(among) - 1, 0, -1):
-                field = self._floor.field_among(self._radius_m, target, among[:nearest])
-                if self._leads(field, target, among[:nearest]):
+            for nearest in range(len(bodies) - 1, -1 if points else 0, -1):
+                fewer = [*bodies[:nearest], *points]
+                field = self._floor.field_among(self._radius_m, target, fewer)
+                if self._leads(field, target, fewer):
                     self._field, self.blocked_by = field, standing[nearest].address
                     break
 

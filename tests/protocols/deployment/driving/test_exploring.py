@@ -10,18 +10,21 @@ from pydantic import ValidationError
 from cosim.errors import UserError
 from cosim.machine import Drive, Event
 from cosim.observation import NOBODY, Observation
+from cosim.robots.senses import SenseSettings
 from cosim.simulation import Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, S
 from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring, explorable, ground_of
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.exploring_parameters import ExploringParameters
+from protocols.deployment.driving.learned import LearnedFloor
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.planner import Refusal
 from protocols.deployment.setup import setup_of
 from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.plan import Explore, Plan, Task
 from protocols.motion.floor import Aim, Floor
+from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Other
 from protocols.wire import BadBytes
 from tests.protocols.deployment.crew_scene import (
@@ -37,6 +40,7 @@ from tests.protocols.deployment.crew_scene import (
     scenario,
     surroundings,
 )
+from tests.protocols.deployment.driving_scene import Scene, body, box
 
 EXPLORE = {"call": {"play": "explore", "parameters": {"robots": 3}}}
 RETURN = {"call": {"play": "return", "parameters": {"robots": 3}}}
@@ -215,6 +219,34 @@ def test_who_stands_and_does_not_explore_looks_about_where_it_stands() -> None:
     assert one._explorer is not None
     belief = one._explorer.belief
     assert belief.evidence.flat[belief.frame.cell_at((2.0, 3.0))] < 0
+
+
+@pytest.mark.parametrize("lost", [0, 2, 4])
+@pytest.mark.parametrize(
+    ("start_m", "goal_m"), [((6.5, 3.2), (3.2, 0.8)), ((5.0, 1.0), (3.0, 1.0)), ((6.5, 4.2), (3.4, 0.5))]
+)
+def test_a_robot_gets_round_the_end_of_a_wall_that_its_map_has_lost(
+    lost: int, start_m: tuple[float, float], goal_m: tuple[float, float]
+) -> None:
+    """The map's door is wider than the true one by *lost* cells on either side."""
+    parameters = DrivingParameters(turn_radps=1.571, turn_acceleration_radps2=1.05)
+    evidence = np.full((62, 82), -5, np.int8)  # a cell more than 8 m x 6 m on all sides
+    evidence[[0, -1], :] = evidence[:, [0, -1]] = 9
+    evidence[1 : 25 - lost, 41] = evidence[37 + lost : 61, 41] = 9
+    floor = LearnedFloor((0.0, 0.0, 8.0, 6.0), parameters)
+    floor.learn(evidence, (-0.1, -0.1), 0.1)
+    pioneer = body(radius_m=0.33, speed_mps=0.5, acceleration_mps2=0.3, turn_radps=1.571, turn_acceleration_radps2=1.05)
+    walls = [*box(8.0, 6.0), (4, 0, 4, 2.4), (4, 3.6, 4, 6)]
+    scans = SenseSettings(beams=180, beam_range_m=8)
+    scene = Scene(walls, [start_m], [pioneer], parameters, headings=math.pi, senses=scans, floor=floor)
+    mover = ExploringMover(exploring()[0], floor, 0, 0.33, 0.5, 0.3, parameters, TICK)
+    scene.movers[0] = mover
+    mover.go(goal_m)
+    assert scene.run(60.0, lambda: mover.state in ("arrived", "stuck")) < 30.0
+    assert mover.state == "arrived"
+    assert math.dist(scene.place(0), goal_m) < 0.11
+    assert scene.least_room_m > 0.0
+    assert not scene.touched
 
 
 @pytest.mark.parametrize("told", ["halt", "go", "retreat"])

@@ -98,6 +98,13 @@ def test_ways_on_a_learned_floor_are_those_on_the_floor_with_walls_as_thick_as_c
         assert found == pytest.approx(expected, abs=1e-9)
 
 
+def test_what_is_scanned_within_a_walls_cell_or_on_its_edge_is_on_the_map() -> None:
+    on = [(2.0, 0.5), (2.05, 0.5), (2.1, 1.05), (1.5, 0.0)]
+    off = [(2.0, 1.2), (2.0, 1.9), (1.0, 0.5), (3.0, 1.5)]
+    assert floor().off_walls(np.array([*on, *off])).tolist() == [list(each) for each in off]
+    assert floor().off_walls(np.zeros((0, 2))).shape == (0, 2)
+
+
 def test_nobody_is_sent_where_nothing_was_seen() -> None:
     known, part = floor(), floor(unseen=True)
     assert known.free(RADIUS_M, (3.4, 1.5))
