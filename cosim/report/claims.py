@@ -56,6 +56,12 @@ ANSWER = "answer"
 _COLUMNS = ("id", "paper", "section", "claim", "quantity", "where", "unit", "published", "test")
 INTERVAL: Final = "in the interval"
 """The test that a true claim fails by chance once in twenty."""
+LIMITS: Final = (
+    "Limits of a comparison, such as 1.4 (1.3 to 1.6), are one-sided at 95 %, as its test uses them: both hold "
+    "together in nine sweeps of ten. Those of a share beside a printed number, and what follows ±, are a 95 % interval."
+)
+"""What the numbers beside a mean are, for whoever reads a claim's answer."""
+_IN_BRACKETS = re.compile(r"[0-9] to [-+.0-9e]+( %)?\)")
 _WITHIN = re.compile(r"within ([0-9]+(?:\.[0-9]+)?) ?%")
 _OTHER = re.compile(r"not comparable: *(\S.*)")
 _NO_TEST = (
@@ -275,6 +281,11 @@ def _all_equal(values: Floats, published: float) -> tuple[bool, str]:
     if same.all():
         return True, f"each of the {len(values)} values is {published:g}"
     return False, f"{int((~same).sum())} of the {len(values)} values are not {published:g}"
+
+
+def limits_told(verdicts: Iterable[Verdict]) -> bool:
+    """Return whether an answer among *verdicts* has limits in brackets."""
+    return any(_IN_BRACKETS.search(each.ours) for each in verdicts)
 
 
 def _needs(replicates: int | None) -> str:

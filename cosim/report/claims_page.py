@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from cosim.experiment import experiment_folders
-from cosim.report.claims import Claim, published_claims
+from cosim.report.claims import LIMITS, Claim, published_claims
 from cosim.report.kept import (
     KINDS,
     Decides,
@@ -47,7 +47,7 @@ MOST_OF_A_VALUE: Final = 56
 """Letters of a value, printed or ours, that the page shows."""
 MOST_NAMED: Final = 4
 """Choices with one verdict that are named one by one."""
-INTRODUCTION: Final = """\
+INTRODUCTION: Final = f"""\
 # All claims
 
 Made from the experiments by `python -P -m cosim.report.claims_page > docs/claims.md`; do not edit.
@@ -60,6 +60,8 @@ words as the experiment reads them:
 - *open*: the runs do not decide, or the row is a question to which there is no printed answer;
 - *not comparable*: ours is another thing than theirs, and both are shown;
 - *no data*: no run is about it; *not run whole*: no verdict of a whole sweep is kept yet.
+
+{LIMITS}
 
 Claims and values are shortened here; `published.csv` and `verdicts.csv` of the experiment have all of them. *Other
 choices* are verdicts on the same claim where something that the paper leaves open is chosen otherwise; where a choice

@@ -4,6 +4,7 @@ Functions ``tables(runs, observations)`` and ``draw(runs, observations, folder)`
 add tables by their titles, and figures.
 """
 
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,17 @@ from typing import Any
 
 import pandas as pd
 
-from cosim.report.claims import Claim, Verdict, chance, judge, published_claims, source_folder
+from cosim.report.claims import (
+    LIMITS,
+    WIDTH,
+    Claim,
+    Verdict,
+    chance,
+    judge,
+    limits_told,
+    published_claims,
+    source_folder,
+)
 from cosim.report.drawing import draw
 from cosim.report.estimates import estimates
 from cosim.report.figures_module import call, load_figures
@@ -49,6 +60,7 @@ class Report:
             )
             expected = chance(self.verdicts)
             parts += [expected.text()] if expected else []
+            parts += [textwrap.fill(LIMITS, WIDTH)] if limits_told(self.verdicts) else []
         if self.missing:
             there = f"{self.runs} of {self.runs + self.missing} runs are there"
             parts.append(f"{there}: all this is of those alone; cosim status says how long the rest takes")

@@ -461,3 +461,20 @@ def test_a_metric_of_ones_and_zeros_is_a_share_in_every_arm():
     assert (low.mean, high.mean, high.high) == (0.75, 1.0, 1.0)
     assert high.low == pytest.approx(20 / (20 + 1.959964**2), rel=1e-6)
     assert str(estimates(rows[rows["arm"] == 1], ["arm"], ["there"])["there"][0]) == "1"  # a constant is none
+
+
+@pytest.mark.parametrize(
+    ("ours", "told"),
+    [
+        ("1.42 (1.27 to 1.57)", True),
+        ("193.3 against 136.3 (x 1.42, 1.27 to 1.57)", True),
+        ("96.7 % of 30 (85.1 to 99.8 %)", True),
+        ("corridor 1.2e-05 (-1.5e-06 to 2.5e-05); office -", True),
+        ("1.857 ± 1.5", False),
+        ("0.5 to 0.7", False),
+        ("M=2 3.286 (ideal 1.875)", False),
+    ],
+)
+def test_what_limits_in_brackets_are_is_told_where_there_are_any(ours: str, told: bool):
+    text = Report("calls", verdicts=[Verdict("a", "it is so", "1", ours, "holds", "it is", "decide")]).text()
+    assert ("one-sided at 95 %" in text) is told
