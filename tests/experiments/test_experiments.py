@@ -31,7 +31,7 @@ TINY = {
 DECLARED = {
     "aggregation_channels": ("loads",),
     "aggregation_laboratory": ("positions",),
-    "aggregation_search": ("joint",),
+    "aggregation_search": ("away", "joint"),
 }
 """Sheets of variations, beside the alternatives."""
 
