@@ -221,14 +221,8 @@ def test_who_stands_and_does_not_explore_looks_about_where_it_stands() -> None:
     assert belief.evidence.flat[belief.frame.cell_at((2.0, 3.0))] < 0
 
 
-@pytest.mark.parametrize("lost", [0, 2, 4])
-@pytest.mark.parametrize(
-    ("start_m", "goal_m"), [((6.5, 3.2), (3.2, 0.8)), ((5.0, 1.0), (3.0, 1.0)), ((6.5, 4.2), (3.4, 0.5))]
-)
-def test_a_robot_gets_round_the_end_of_a_wall_that_its_map_has_lost(
-    lost: int, start_m: tuple[float, float], goal_m: tuple[float, float]
-) -> None:
-    """The map's door is wider than the true one by *lost* cells on either side."""
+def at_a_door(lost: int, *starts_m: tuple[float, float]) -> tuple[Scene, ExploringMover]:
+    """Return robots at a door that the first one's map has wider than it is, by *lost* cells on either side."""
     parameters = DrivingParameters(turn_radps=1.571, turn_acceleration_radps2=1.05)
     evidence = np.full((62, 82), -5, np.int8)  # a cell more than 8 m x 6 m on all sides
     evidence[[0, -1], :] = evidence[:, [0, -1]] = 9
@@ -238,15 +232,42 @@ def test_a_robot_gets_round_the_end_of_a_wall_that_its_map_has_lost(
     pioneer = body(radius_m=0.33, speed_mps=0.5, acceleration_mps2=0.3, turn_radps=1.571, turn_acceleration_radps2=1.05)
     walls = [*box(8.0, 6.0), (4, 0, 4, 2.4), (4, 3.6, 4, 6)]
     scans = SenseSettings(beams=180, beam_range_m=8)
-    scene = Scene(walls, [start_m], [pioneer], parameters, headings=math.pi, senses=scans, floor=floor)
+    bodies = [pioneer] * len(starts_m)
+    scene = Scene(walls, starts_m, bodies, parameters, headings=math.pi, senses=scans, floor=floor)
     mover = ExploringMover(exploring()[0], floor, 0, 0.33, 0.5, 0.3, parameters, TICK)
     scene.movers[0] = mover
+    return scene, mover
+
+
+@pytest.mark.parametrize("lost", [0, 2, 4])
+@pytest.mark.parametrize(
+    ("start_m", "goal_m"), [((6.5, 3.2), (3.2, 0.8)), ((5.0, 1.0), (3.0, 1.0)), ((6.5, 4.2), (3.4, 0.5))]
+)
+def test_a_robot_gets_round_the_end_of_a_wall_that_its_map_has_lost(
+    lost: int, start_m: tuple[float, float], goal_m: tuple[float, float]
+) -> None:
+    scene, mover = at_a_door(lost, start_m)
     mover.go(goal_m)
     assert scene.run(60.0, lambda: mover.state in ("arrived", "stuck")) < 30.0
     assert mover.state == "arrived"
     assert math.dist(scene.place(0), goal_m) < 0.11
     assert scene.least_room_m > 0.0
     assert not scene.touched
+
+
+@pytest.mark.parametrize("lost", [0, 4])
+def test_who_stands_in_a_door_is_named_also_where_the_map_has_lost_its_frame(lost: int) -> None:
+    """No way leads round that robot, whatever else is in the way."""
+    scene, mover = at_a_door(lost, (5.2, 2.2), (4.0, 3.0))
+    scene.dead.add(1)
+    mover.go((3.0, 1.0))
+    scene.run(30.0, lambda: mover.state == "stuck")
+    assert (mover.state, mover.blocked_by) == ("stuck", 1)
+    assert bool(mover._unmapped) is bool(lost)
+    mover.go((6.5, 4.0))
+    assert not mover._unmapped
+    scene.run(30.0, lambda: mover.state == "arrived")
+    assert (mover.state, mover.blocked_by) == ("arrived", None)
 
 
 @pytest.mark.parametrize("told", ["halt", "go", "retreat"])
