@@ -14,8 +14,11 @@ import yaml
 
 from cosim.experiment import load_experiment
 from cosim.protocol import Surroundings
+from cosim.results import RunStore
+from cosim.sweep import run_sweep
 from cosim.units import MS
-from experiments.exploration_localization import figures
+from experiments.exploration_localization import astray, figures
+from experiments.exploration_localization.astray import Looks, rise
 from experiments.exploration_localization.mapping import COLUMNS, TIMES_S, Truth, at, mean_until, measure, waits
 from protocols.mapping.belief import Frame, frame_of
 from tests.checkout import EXPERIMENTS
@@ -212,3 +215,65 @@ def test_the_sweep_has_the_arms_that_the_claims_are_about() -> None:
     for tenths, name in figures.STOPS.items():
         chosen = sweep["position"]["values"][name]
         assert chosen["scenario.protocol.parameters.positioning.control.stop_m"] == pytest.approx(tenths / 10)
+
+
+# ---------------------------------------------------------------- how runs go astray
+
+CALM = [0.05, 0.1, 0.2, 0.12]
+"""Pose errors before a rise from 0.12 m, at 3 s."""
+RISE = [0.18, 0.17, 0.25, 0.31, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("new_cells", "heading_rad", "kind"),
+    [
+        ([0, 0, 9, 9], 0.2, "walls creep"),
+        ([50, 50, 50, 50], 0.03, "heading lost"),
+        ([50, 50, 50, 50], 0.02, "drift"),
+        ([0, 50, 0, 50], 0.02, "walls creep"),  # of the 0.20 m 0.06 grew on known ground at 4 s, and 0.08 at 6 s
+        ([0, 50, 50, 50], 0.02, "drift"),
+    ],
+)
+def test_a_rise_is_classified_by_where_it_was_and_by_the_heading(
+    new_cells: list[int], heading_rad: float, kind: str
+) -> None:
+    known = np.cumsum([100, 50, 50, 50, *new_cells, 0]).tolist()
+    found = rise(Looks([*CALM, *RISE], [0.9] * 3 + [heading_rad, -heading_rad] * 3, known))
+    assert found is not None
+    assert (found.from_s, found.until_s) == (3.0, 7.0)
+    assert found.turned_rad == pytest.approx(heading_rad)
+    assert found.kind == kind
+
+
+def test_who_never_errs_much_has_not_gone_astray_and_who_begins_so_rises_from_the_start() -> None:
+    assert rise(Looks([0.1, 0.3, 0.2], [0.0] * 3, [1, 2, 3])) is None
+    found = rise(Looks([0.2, 0.25, 0.4], [0.01] * 3, [0, 90, 180]))
+    assert found is not None
+    assert (found.from_s, found.until_s, found.on_known, found.kind) == (0.0, 2.0, 0.0, "drift")
+
+
+@pytest.mark.slow
+def test_runs_that_went_astray_are_made_again_and_classified(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Odometry is so bad that runs go astray within the first minute."""
+    sheet = yaml.safe_load((EXPERIMENT / "alternatives.yaml").read_text())
+    scenario = sheet["parameters"]["scenario"]
+    scenario["duration_s"] = 60
+    scenario["floorplan"]["map"] = str(EXPERIMENTS / "floors" / "localize_corridor.yaml")
+    scenario["team"]["senses"]["odometry_turn_rad"] = 0.5
+    hit = "scenario.protocol.parameters.positioning.filter.hit"
+    sheet["sweep"] = {"choice": {"values": {"centre": {}, "mean": {hit: "mean"}}}}
+    sheet["replicates"] = 2
+    del sheet["quick"], sheet["report"]
+    source = tmp_path / "bad.yaml"
+    source.write_text(yaml.safe_dump(sheet))
+    run_sweep(load_experiment(source), tmp_path / "results")
+    astray.main([str(tmp_path / "results"), "--jobs", "2"])
+    found = pd.read_csv(tmp_path / "results" / "astray.csv")
+    assert list(found.columns[:3]) == ["choice", "seed", "pose_error_rms_m"]
+    runs = RunStore(tmp_path / "results").present()
+    assert 0 < len(found) == (runs["pose_error_rms_m"] > 0.3).sum()
+    assert (found["pose_error_rms_m"] > 0.3).all()
+    assert set(found["kind"]) <= {"walls creep", "heading lost", "drift"}
+    assert "astray.csv" in capsys.readouterr().out

@@ -1,0 +1,141 @@
+"""How a grid filter goes astray: the runs of a sweep whose pose error is large are made again, watched and classified.
+
+    python -P -m experiments.exploration_localization.astray results/exploration_localization_alternatives [--jobs N]
+
+What is classified is the rise of the error: from where it was last at most ``FROM_M`` to where it is more than
+``ASTRAY_M`` first. README tells the kinds, which were found by hand in nine runs of a trial; the bounds were set by
+those, of which eight come out as they did by hand. astray.csv, a row a run, goes into the folder of the results.
+"""
+
+import argparse
+import math
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from cosim.errors import UserError
+from cosim.experiment import Arm, load_experiment
+from cosim.results import RunStore
+from cosim.scenario import Scenario
+from cosim.simulation import Simulation
+from cosim.units import from_seconds
+from experiments.exploration_localization.mapping import FOLDER, LOOK_S, Parameters
+from protocols.exploration.explorer import Explorer
+
+ASTRAY_M: Final = 0.3
+"""Pose error above which a robot has gone astray: the mean square's root over a run, and at the end of the rise."""
+FROM_M: Final = 0.15
+"""Pose error at the beginning of the rise."""
+KNOWN_CELLS: Final = 10
+"""Cells that become known in a second, fewer than which the robot is on known ground: a metre driven past one wall."""
+TURNED_RAD: Final = 0.025
+"""Mean error of the heading, during a rise on new ground, above which the heading is what was lost."""
+TURNED, CREPT, DRIFTED = "heading lost", "walls creep", "drift"
+
+
+class Rise(NamedTuple):
+    """How the error of a run rose, second by second: numbers over the rise."""
+
+    from_s: float
+    until_s: float
+    turned_rad: float
+    """Mean of the heading's absolute error."""
+    on_known: float
+    """Share of the error's growth on known ground."""
+
+    @property
+    def kind(self) -> str:
+        """What kind of rise it is."""
+        if self.on_known > 0.5:
+            return CREPT
+        return TURNED if self.turned_rad > TURNED_RAD else DRIFTED
+
+
+class Looks(NamedTuple):
+    """What was seen of a robot once a second."""
+
+    errors_m: list[float]
+    headings_rad: list[float]
+    """Errors of the heading."""
+    known: list[int]
+    """How many cells of its map are known."""
+
+
+def rise(looks: Looks) -> Rise | None:
+    """Return how the error rose; None if it never came above ``ASTRAY_M``."""
+    errors = np.array(looks.errors_m)
+    over = np.flatnonzero(errors > ASTRAY_M)
+    if not len(over):
+        return None
+    last = int(over[0])
+    low = np.flatnonzero(errors[:last] <= FROM_M)
+    first = int(low[-1]) if len(low) else 0
+    growth = np.clip(np.diff(errors[first : last + 1]), 0.0, None)
+    known = np.diff(looks.known[first : last + 1]) < KNOWN_CELLS
+    turned = np.abs(looks.headings_rad[first : last + 1])
+    return Rise(first * LOOK_S, last * LOOK_S, float(turned.mean()), float(growth[known].sum() / growth.sum()))
+
+
+def watched(scenario: Scenario, seed: int) -> Looks:
+    """Make the run of one robot, and return what was seen of it."""
+    simulation = Simulation(scenario.placed(FOLDER), seed)
+    (robot,) = (machine for machine in simulation.machines if isinstance(machine, Explorer))
+    looks = Looks([], [], [])
+
+    def look() -> None:
+        found = robot.positioning.estimate
+        if found is None:
+            return
+        x, y, heading = simulation.fleet.observed[0, :3].tolist()
+        looks.errors_m.append(math.hypot(found.x_m - x, found.y_m - y))
+        looks.headings_rad.append(math.remainder(found.heading_rad - heading, math.tau))
+        looks.known.append(int(np.count_nonzero(robot.belief.evidence)))
+
+    simulation.kernel.every(from_seconds(LOOK_S), look)
+    simulation.run()
+    return looks
+
+
+def _again(arm: Arm, seed: int) -> Rise | None:
+    return rise(watched(Parameters.model_validate(arm.parameters).scenario, seed))
+
+
+def classified(folder: Path, jobs: int) -> pd.DataFrame:
+    """Return a row for each run in *folder* that went astray: its arm, its seed, how its error rose, and the kind."""
+    store = RunStore(folder)
+    sweep, runs = store.description(), store.present()
+    experiment = load_experiment(Path(sweep.source))
+    axes = [axis.name for axis in experiment.axes]
+    arms = {tuple(str(arm.labels[axis]) for axis in axes): arm for arm in experiment.arms}
+    astray = runs[(runs["status"] == "done") & (runs["pose_error_rms_m"] > ASTRAY_M)]
+    rows = astray[[*axes, "seed", "pose_error_rms_m"]].sort_values([*axes, "seed"]).reset_index(drop=True)
+    with ProcessPoolExecutor(jobs) as pool:
+        named = [arms[tuple(map(str, key))] for key in rows[axes].itertuples(index=False)]
+        found = list(pool.map(_again, named, rows["seed"].tolist()))
+    told = pd.DataFrame([each._asdict() | {"kind": each.kind} if each else {"kind": "never above"} for each in found])
+    return rows.join(told)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Print and write what kinds the runs are of that the words of the command line name."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("results", type=Path)
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    given = parser.parse_args(words)
+    try:
+        found = classified(given.results, given.jobs)
+    except UserError as error:
+        parser.exit(2, f"{error}\n")
+    path = given.results / "astray.csv"
+    found.to_csv(path, index=False)
+    print(found.to_string(index=False))
+    axes = list(found.columns[: found.columns.get_loc("seed")])
+    print(f"\n{found.groupby([*axes, 'kind']).size().to_string()}\n\n{path}")
+
+
+if __name__ == "__main__":
+    main()
