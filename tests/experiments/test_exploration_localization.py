@@ -256,20 +256,19 @@ def test_who_never_errs_much_has_not_gone_astray_and_who_begins_so_rises_from_th
 def test_runs_that_went_astray_are_made_again_and_classified(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Odometry is so bad that runs go astray within the first minute."""
+    """Odometry is so bad that runs go astray within half a minute."""
     sheet = yaml.safe_load((EXPERIMENT / "alternatives.yaml").read_text())
     scenario = sheet["parameters"]["scenario"]
-    scenario["duration_s"] = 60
+    scenario["duration_s"] = 30
     scenario["floorplan"]["map"] = str(EXPERIMENTS / "floors" / "localize_corridor.yaml")
     scenario["team"]["senses"]["odometry_turn_rad"] = 0.5
-    hit = "scenario.protocol.parameters.positioning.filter.hit"
-    sheet["sweep"] = {"choice": {"values": {"centre": {}, "mean": {hit: "mean"}}}}
+    sheet["sweep"] = {"choice": {"values": {"centre": {}}}}
     sheet["replicates"] = 2
     del sheet["quick"], sheet["report"]
     source = tmp_path / "bad.yaml"
     source.write_text(yaml.safe_dump(sheet))
-    run_sweep(load_experiment(source), tmp_path / "results")
-    astray.main([str(tmp_path / "results"), "--jobs", "2"])
+    run_sweep(load_experiment(source), tmp_path / "results", jobs=1)
+    astray.main([str(tmp_path / "results")])
     found = pd.read_csv(tmp_path / "results" / "astray.csv")
     assert list(found.columns[:3]) == ["choice", "seed", "pose_error_rms_m"]
     runs = RunStore(tmp_path / "results").present()
