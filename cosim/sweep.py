@@ -336,17 +336,30 @@ def command_of(store: RunStore, row: int) -> list[str]:
     if row >= len(runs):
         raise UserError(f"{store.folder}: has {len(runs)} rows, from 0, expected one of them, not {row}")
     asked = runs.slice(row, 1).to_pylist()[0]
-    labels = told.labels[told.configurations.index(asked["configuration"])]
-    values = zip(told.axes.items(), labels, strict=True)
-    sets = [*told.given, *(assignment(axis.path or name, value) for (name, axis), value in values)]
-    arm = load_experiment(told.source, sets).arms[0]
-    if arm.configuration != asked["configuration"]:
-        raise UserError(f"{told.source}: was edited since row {row} was made: it has no such arm any more")
+    arm, sets = _arm_and_sets(told, asked["configuration"], f"row {row}")
     if arm.run is None:
         options = [word for each in sets for word in ("--set", each)]
         return ["cosim", "run", told.source, *options, "--seed", str(asked["seed"])]
     module, _, function = arm.run.partition(":")
     return ["python", "-c", f"from {module} import {function}; print({function}({arm.parameters!r}, {asked['seed']}))"]
+
+
+def arm_of(told: SweepDescription, configuration: str) -> Arm:
+    """Return the arm of the sweep that has the *configuration* of a run, for the run to be made again.
+
+    Raise UserError if the experiment was edited since.
+    """
+    return _arm_and_sets(told, configuration, "the run")[0]
+
+
+def _arm_and_sets(told: SweepDescription, configuration: str, what: str) -> tuple[Arm, list[str]]:
+    labels = told.labels[told.configurations.index(configuration)]
+    values = zip(told.axes.items(), labels, strict=True)
+    sets = [*told.given, *(assignment(axis.path or name, value) for (name, axis), value in values)]
+    arm = load_experiment(told.source, sets).arms[0]
+    if arm.configuration != configuration:
+        raise UserError(f"{told.source}: was edited since {what} was made: it has no such arm any more")
+    return arm, sets
 
 
 def run_until(

@@ -13,9 +13,19 @@ from typing import Any, Final
 import pandas as pd
 import yaml
 
-from cosim.report.claims import LIMITS, Claim, Verdict, limits_told, source_folder
+from cosim.report.claims import Claim, Verdict, source_folder
 from cosim.report.markup import Html, first_section, identifier, joined, markdown, tag
-from cosim.report.page import chance_of, claims_table, counts, document, frame_table, scrolling, terms, verdict_word
+from cosim.report.page import (
+    chance_of,
+    claims_table,
+    counts,
+    document,
+    frame_table,
+    limits_of,
+    scrolling,
+    terms,
+    verdict_word,
+)
 from cosim.report.repeating import sweep_command
 from cosim.report.saving import NUMBERS
 from cosim.report.sensitivity import design_of, design_rows
@@ -88,8 +98,8 @@ class _Page:
             )
             for claim, verdict in pairs
         ]
-        told = [tag("p", LIMITS)] if limits_told(self._made.verdicts) else []
-        return joined([*chance_of(self._made.verdicts), *told, claims_table("Claims", COLUMNS, rows)])
+        verdicts = self._made.verdicts
+        return joined([*chance_of(verdicts), *limits_of(verdicts), claims_table("Claims", COLUMNS, rows)])
 
     def _figures(self) -> Html:
         return joined([_figure(path, number) for number, path in enumerate(self._made.figures, start=1)])

@@ -6,7 +6,17 @@ from typing import Final
 from urllib.parse import quote
 
 from cosim.report.markup import Html, identifier, joined, tag
-from cosim.report.page import UNDECIDED, VERDICTS, chance_of, claims_table, counts, document, scrolling, verdict_word
+from cosim.report.page import (
+    UNDECIDED,
+    VERDICTS,
+    chance_of,
+    claims_table,
+    counts,
+    document,
+    limits_of,
+    scrolling,
+    verdict_word,
+)
 from cosim.report.tried import Judged, Tried, index_rows
 
 QUICK: Final = (
@@ -22,9 +32,9 @@ def index_page(tried: Mapping[str, Tried], quick: bool) -> str:
     rows = index_rows(tried.values())
     papers = list(dict.fromkeys(row.paper for row in rows))
     whole = any(row.whole for row in rows)
-    by_chance = chance_of(verdict for each in tried.values() for verdict in each.verdicts())
+    verdicts = [verdict for each in tried.values() for verdict in each.verdicts()]
     sections = {
-        "totals": ("All claims, by paper", joined([_totals(rows, papers), *by_chance])),
+        "totals": ("All claims, by paper", joined([_totals(rows, papers), *chance_of(verdicts), *limits_of(verdicts)])),
         "whole": ("Beside the whole sheets", _beside(rows, tried)) if quick or whole else ("", Html()),
         "experiments": ("Experiments", _experiments(tried)),
     }

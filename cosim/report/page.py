@@ -8,7 +8,7 @@ from typing import Any, Final
 import pandas as pd
 
 from cosim import __version__
-from cosim.report.claims import Verdict, chance
+from cosim.report.claims import LIMITS, Verdict, chance, limits_told
 from cosim.report.markup import Html, joined, tag
 
 VERDICTS: Final = ("holds", "fails", "open", "not comparable", "no data")
@@ -87,6 +87,11 @@ def chance_of(verdicts: Iterable[Verdict]) -> list[Html]:
     """Return how many failures among *verdicts* chance alone explains; nothing if none could fail by chance."""
     found = chance(verdicts)
     return [tag("p", f"{found.text()}.")] if found else []
+
+
+def limits_of(verdicts: Iterable[Verdict]) -> list[Html]:
+    """Return what limits in brackets are; nothing if no answer among *verdicts* has any."""
+    return [tag("p", LIMITS)] if limits_told(verdicts) else []
 
 
 def claims_table(label: str, columns: Sequence[str], rows: Iterable[tuple[str, Sequence[object]]]) -> Html:

@@ -18,20 +18,28 @@ import numpy as np
 import pandas as pd
 
 from cosim.errors import UserError
-from cosim.experiment import Arm, load_experiment
+from cosim.experiment import Arm
 from cosim.results import RunStore
+from cosim.robots.table import HEADING
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
+from cosim.sweep import arm_of
 from cosim.units import from_seconds
-from experiments.exploration_localization.mapping import FOLDER, LOOK_S, Parameters
-from protocols.exploration.explorer import Explorer
+from experiments.exploration_localization.mapping import (
+    FOLDER,
+    LOOK_S,
+    Parameters,
+    explorers,
+    pose_error_m,
+    root_mean_square,
+)
 
 ASTRAY_M: Final = 0.3
 """Pose error above which a robot has gone astray: the mean square's root over a run, and at the end of the rise."""
 FROM_M: Final = 0.15
 """Pose error at the beginning of the rise."""
 KNOWN_CELLS: Final = 10
-"""Cells that become known in a second, fewer than which the robot is on known ground: a metre driven past one wall."""
+"""Cells that become known in a second, fewer than which the robot is on known ground."""
 TURNED_RAD: Final = 0.025
 """Mean error of the heading, during a rise on new ground, above which the heading is what was lost."""
 TURNED, CREPT, DRIFTED = "heading lost", "walls creep", "drift"
@@ -65,13 +73,10 @@ class Looks(NamedTuple):
     """How many cells of its map are known."""
 
 
-def rise(looks: Looks) -> Rise | None:
-    """Return how the error rose; None if it never came above ``ASTRAY_M``."""
+def rise(looks: Looks) -> Rise:
+    """Return how the error rose, which comes above ``ASTRAY_M``."""
     errors = np.array(looks.errors_m)
-    over = np.flatnonzero(errors > ASTRAY_M)
-    if not len(over):
-        return None
-    last = int(over[0])
+    last = int(np.flatnonzero(errors > ASTRAY_M)[0])
     low = np.flatnonzero(errors[:last] <= FROM_M)
     first = int(low[-1]) if len(low) else 0
     growth = np.clip(np.diff(errors[first : last + 1]), 0.0, None)
@@ -83,16 +88,13 @@ def rise(looks: Looks) -> Rise | None:
 def watched(scenario: Scenario, seed: int) -> Looks:
     """Make the run of one robot, and return what was seen of it."""
     simulation = Simulation(scenario.placed(FOLDER), seed)
-    (robot,) = (machine for machine in simulation.machines if isinstance(machine, Explorer))
+    (robot,) = explorers(simulation)
     looks = Looks([], [], [])
 
     def look() -> None:
-        found = robot.positioning.estimate
-        if found is None:
-            return
-        x, y, heading = simulation.fleet.observed[0, :3].tolist()
-        looks.errors_m.append(math.hypot(found.x_m - x, found.y_m - y))
-        looks.headings_rad.append(math.remainder(found.heading_rad - heading, math.tau))
+        found, heading_rad = robot.positioning.estimate, float(simulation.fleet.observed[0, HEADING])
+        looks.errors_m.append(pose_error_m(simulation))
+        looks.headings_rad.append(0.0 if found is None else math.remainder(found.heading_rad - heading_rad, math.tau))
         looks.known.append(int(np.count_nonzero(robot.belief.evidence)))
 
     simulation.kernel.every(from_seconds(LOOK_S), look)
@@ -100,24 +102,28 @@ def watched(scenario: Scenario, seed: int) -> Looks:
     return looks
 
 
-def _again(arm: Arm, seed: int) -> Rise | None:
-    return rise(watched(Parameters.model_validate(arm.parameters).scenario, seed))
+def _again(arm: Arm, seed: int, rms_m: float) -> Rise:
+    looks = watched(Parameters.model_validate(arm.parameters).scenario, seed)
+    if root_mean_square(looks.errors_m) != rms_m:
+        raise UserError(f"seed {seed} of {arm.labels}: errs otherwise than it did: the code was changed since")
+    return rise(looks)
 
 
 def classified(folder: Path, jobs: int) -> pd.DataFrame:
-    """Return a row for each run in *folder* that went astray: its arm, its seed, how its error rose, and the kind."""
+    """Return a row for each run in *folder* that went astray: its arm, its seed, how its error rose, and the kind.
+
+    Raise UserError if a run that is made again is another one.
+    """
     store = RunStore(folder)
     sweep, runs = store.description(), store.present()
-    experiment = load_experiment(Path(sweep.source))
-    axes = [axis.name for axis in experiment.axes]
-    arms = {tuple(str(arm.labels[axis]) for axis in axes): arm for arm in experiment.arms}
     astray = runs[(runs["status"] == "done") & (runs["pose_error_rms_m"] > ASTRAY_M)]
-    rows = astray[[*axes, "seed", "pose_error_rms_m"]].sort_values([*axes, "seed"]).reset_index(drop=True)
+    astray = astray.sort_values([*sweep.axes, "seed"]).reset_index(drop=True)
+    arms = {each: arm_of(sweep, each) for each in astray["configuration"].unique()}
+    asked = [astray["configuration"].map(arms), astray["seed"], astray["pose_error_rms_m"]]
     with ProcessPoolExecutor(jobs) as pool:
-        named = [arms[tuple(map(str, key))] for key in rows[axes].itertuples(index=False)]
-        found = list(pool.map(_again, named, rows["seed"].tolist()))
-    told = pd.DataFrame([each._asdict() | {"kind": each.kind} if each else {"kind": "never above"} for each in found])
-    return rows.join(told)
+        found = list(pool.map(_again, *(each.tolist() for each in asked)))
+    told = pd.DataFrame([each._asdict() | {"kind": each.kind} for each in found])
+    return astray[[*sweep.axes, "seed", "pose_error_rms_m"]].join(told)
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -116,7 +116,7 @@ class Watch:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._truth = Truth(_explorers(simulation)[0].setup.frame, _surroundings(simulation))
+        self._truth = Truth(explorers(simulation)[0].setup.frame, _surroundings(simulation))
         self.times_s: list[float] = []
         self.pose_errors_m: list[float] = []
         self.map_times_s: list[float] = []
@@ -126,31 +126,41 @@ class Watch:
 
     def compared(self) -> list[Compared]:
         """Return how true each robot's map is now; one that all have is looked at once."""
-        maps = {id(each.belief): each.belief for each in _explorers(self._simulation)}
+        maps = {id(each.belief): each.belief for each in explorers(self._simulation)}
         return [self._truth.compare(belief.evidence) for belief in maps.values()]
 
     def _look(self) -> None:
-        fleet = self._simulation.fleet
-        errors = [
-            math.hypot(each.place_m[0] - x, each.place_m[1] - y)
-            for each, x, y in zip(_explorers(self._simulation), fleet.x_m.tolist(), fleet.y_m.tolist(), strict=True)
-            if each.place_m is not None
-        ]
         self.times_s.append(to_seconds(self._simulation.kernel.now))
-        self.pose_errors_m.append(float(np.mean(errors)))
+        self.pose_errors_m.append(pose_error_m(self._simulation))
 
     def _look_at_maps(self) -> None:
         self.map_times_s.append(to_seconds(self._simulation.kernel.now))
         self.map_errors.append(float(np.mean([each.wrong for each in self.compared()])))
 
 
-def _explorers(simulation: Simulation) -> list[Explorer]:
+def pose_error_m(simulation: Simulation) -> float:
+    """Return how far robots are from where they take themselves to be, the mean, metres."""
+    fleet = simulation.fleet
+    places = zip(explorers(simulation), fleet.x_m.tolist(), fleet.y_m.tolist(), strict=True)
+    return float(
+        np.mean([math.hypot(r.place_m[0] - x, r.place_m[1] - y) for r, x, y in places if r.place_m is not None])
+    )
+
+
+def root_mean_square(values: Sequence[float]) -> float:
+    """Return the root of the mean of the squares of *values*."""
+    found = np.array(values)
+    return math.sqrt(float((found * found).mean()))
+
+
+def explorers(simulation: Simulation) -> list[Explorer]:
+    """Return the machines of the robots."""
     return [machine for machine in simulation.machines if isinstance(machine, Explorer)]
 
 
 def _surroundings(simulation: Simulation) -> Surroundings:
     """Return what decides which cells can be seen."""
-    setup, floor = _explorers(simulation)[0].setup, simulation.floorplan
+    setup, floor = explorers(simulation)[0].setup, simulation.floorplan
     return Surroundings(
         starts_m=setup.starts_m,
         radius_m=max(setup.radii_m),
@@ -194,7 +204,7 @@ def made(given: Scenario, seed: int) -> tuple[dict[str, float], Watch, Trace]:
         "wall_off_m": float(np.mean([each.off_m for each in final])),
         "map_known": float(np.mean([each.known for each in final])),
         "pose_error_m": float(errors_m.mean()),
-        "pose_error_rms_m": math.sqrt(float((errors_m * errors_m).mean())),
+        "pose_error_rms_m": root_mean_square(watch.pose_errors_m),
         "pose_error_p95_m": float(np.quantile(errors_m, 0.95)),
         **{f"map_error_{s}_s": at(watch.map_times_s, watch.map_errors, s) for s in TIMES_S},
         **{f"pose_error_{s}_s": mean_until(watch.times_s, watch.pose_errors_m, s) for s in TIMES_S},
