@@ -225,7 +225,8 @@ class Mover:
         if not self._leads(self._field, target, among):
             self._field, self._among = plain, ()
             self.blocked_by = standing[0].address if standing else None
-            # no way leads round all of them: take the one round the nearer ones, if there is one
+            # no way leads round all of them: take the one round the nearer ones, if there is one, and round all that no
+            # map shows; round no robot and nothing else is the plain one
             for nearest in range(len(bodies) - 1, -1 if points else 0, -1):
                 fewer = [*bodies[:nearest], *points]
                 field = self._floor.field_among(self._radius_m, target, fewer)

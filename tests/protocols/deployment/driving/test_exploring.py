@@ -8,6 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from cosim.errors import UserError
+from cosim.geometry.segments import swept_clearance
 from cosim.machine import Drive, Event
 from cosim.observation import NOBODY, Observation
 from cosim.robots.senses import SenseSettings
@@ -264,6 +265,8 @@ def test_who_stands_in_a_door_is_named_also_where_the_map_has_lost_its_frame(los
     scene.run(30.0, lambda: mover.state == "stuck")
     assert (mover.state, mover.blocked_by) == ("stuck", 1)
     assert bool(mover._unmapped) is bool(lost)
+    corners = np.array([scene.place(0), *mover.way_m])  # past that robot, but round the wall
+    assert swept_clearance(scene.grid, corners[:-1], corners[1:], 2.0).min() > 0.33
     mover.go((6.5, 4.0))
     assert not mover._unmapped
     scene.run(30.0, lambda: mover.state == "arrived")
