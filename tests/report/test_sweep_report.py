@@ -14,6 +14,7 @@ from cosim.report import drawing, sweep_report
 from cosim.report.claims import Claim, Verdict, chance, judge, published_claims
 from cosim.report.drawing import draw
 from cosim.report.estimates import estimates
+from cosim.report.page import limits_of
 from cosim.report.sweep_report import Report, report
 from cosim.results import RunStore, SweepDescription
 from cosim.statistics.intervals import estimate
@@ -476,5 +477,6 @@ def test_a_metric_of_ones_and_zeros_is_a_share_in_every_arm():
     ],
 )
 def test_what_limits_in_brackets_are_is_told_where_there_are_any(ours: str, told: bool):
-    text = Report("calls", verdicts=[Verdict("a", "it is so", "1", ours, "holds", "it is", "decide")]).text()
-    assert ("one-sided at 95 %" in text) is told
+    verdicts = [Verdict("a", "it is so", "1", ours, "holds", "it is", "decide")]
+    assert ("one-sided at 95 %" in Report("calls", verdicts=verdicts).text()) is told
+    assert bool(limits_of(verdicts)) is told
