@@ -165,7 +165,7 @@ class ExperimentSettings(Settings):
     )
     run: str | None = Field(default=None, description="module:function, for what is no run of robots")
     parameters: dict[str, PlainData] = Field(default_factory=dict, description="of the function")
-    seed: Seed = Field(default=1, ge=0, description="of the function's first replicate")
+    seed: Seed | None = Field(default=None, ge=0, description="of the function's first replicate, by default 1")
     sweep: dict[str, AxisSettings] = Field(default_factory=dict, description="the axes")
     design: DesignSettings = Field(default_factory=DesignSettings, description="which combinations of them are run")
     replicates: Count = Field(default=10, ge=1, description="runs of each arm; all arms see the same seeds")
@@ -190,6 +190,10 @@ class ExperimentSettings(Settings):
     def _runs_something(self) -> Self:
         if (self.scenario is None) == (self.run is None):
             raise ValueError("expected either scenario or run")
+        for name in ("parameters", "seed"):
+            if self.scenario is not None and getattr(self, name) not in (None, {}):
+                told = "is for a function that run names, expected in scenario: there is a scenario"
+                raise error_at((name,), getattr(self, name), told)
         if self.design.kind in SAMPLED and not self.sweep:
             raise error_at(("design",), self.design.kind, "expected a sweep, of axes to draw from")
         return self
@@ -353,7 +357,7 @@ def load_experiment(
         changes = settings.quick.set.items()
         fixed = [*(Assignment(parse_place(key), value, f"{path}: quick.set.{key}") for key, value in changes), *fixed]
     base, folder, source = _base(settings, path, fixed)
-    seed = base["seed"] if settings.scenario is not None else settings.seed
+    seed = base["seed"] if settings.scenario is not None else 1 if settings.seed is None else settings.seed
     axes, rows = _combined(_design(settings, str(path), quick), axes, base, seed, str(path))
     arms = tuple(_arm(settings, base, folder, source, axes, values) for values in rows)
     wanted = replicates or (settings.quick.replicates if quick else settings.replicates)

@@ -192,6 +192,14 @@ def test_parameters_of_a_function_without_a_model_are_plain_data(change: dict[st
         ),
         ({"replicates": 0}, "sweep.yaml: replicates: 0 is not >= 1"),
         (
+            {"seed": 4},
+            "sweep.yaml: seed: 4 is for a function that run names, expected in scenario: there is a scenario",
+        ),
+        (
+            {"parameters": {"tick_s": 1}},
+            "sweep.yaml: parameters: is for a function that run names, expected in scenario: there is a scenario",
+        ),
+        (
             {"replicate": 1},
             "sweep.yaml: replicate: 1 is not expected here: there is no such key, did you mean replicates?",
         ),
