@@ -102,6 +102,8 @@ class AxisSettings(Settings):
     def _spans(self) -> Self:
         if (self.low is None) != (self.high is None) or (self.low is None) == (self.values is None):
             raise ValueError("expected either values, or low and high")
+        if self.log and self.low is None:
+            raise error_at(("log",), self.log, "is for low and high: values are as they are")
         if self.low is not None and self.high is not None:
             if not self.low < self.high:
                 raise error_at(("high",), self.high, f"is not > {self.low}, which is low")

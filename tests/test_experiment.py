@@ -469,6 +469,10 @@ def test_one_at_a_time_varies_each_axis_beside_the_first_values():
         ({"sweep": {"team.size": {"path": "team.size", "low": 2}}}, "expected either values, or low and high"),
         ({"sweep": {"team.size": {"path": "team.size"}}}, "expected either values, or low and high"),
         (
+            {"sweep": {"team.size": {"path": "team.size", "values": [2, 4], "log": True}}},
+            "log: True is for low and high",
+        ),
+        (
             {"sweep": {"team.size": {"path": "team.size", "low": 2, "high": 3, "values": [2]}}},
             "expected either values, or low and high",
         ),
