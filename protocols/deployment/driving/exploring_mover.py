@@ -69,6 +69,8 @@ class ExploringMover(Mover):
         slow_mps = min(speed_mps, exploring.speed_mps)
         self._led = Driver(bare, radius_m, slow_mps, acceleration_mps2, wary, tick)
         self._learned = floor if isinstance(floor, LearnedFloor) else None
+        self._noted: dict[tuple[int, int], Blocker] = {}
+        """What has held it and is off the learned walls, as points, one a cell, until the next order."""
         if self._learned is not None:
             self._driver = Driver(bare, radius_m, speed_mps, acceleration_mps2, wary, tick)
 
@@ -140,7 +142,10 @@ class ExploringMover(Mover):
         """
         cell_m = self._own.cell_m
         for x, y in floor.off_walls(self._driver.points).tolist():
-            self._unmapped.setdefault((math.floor(x / cell_m), math.floor(y / cell_m)), Blocker(x, y, 0.0))
+            self._noted.setdefault((math.floor(x / cell_m), math.floor(y / cell_m)), Blocker(x, y, 0.0))
+
+    def _unmapped(self) -> Sequence[Blocker]:
+        return tuple(self._noted.values())
 
     def _heading(self, wish_rad: float, now: Time) -> float:
         """Return the heading in which it is led, or away from the nearest robot for a while if it is held for too long.
@@ -158,4 +163,5 @@ class ExploringMover(Mover):
     def _begin(self, state: State) -> None:
         self._exploring.halt()
         self._wish_rad, self._at_m, self._held_for, self._back_until = None, (math.inf, math.inf), 0, 0
+        self._noted.clear()
         super()._begin(state)

@@ -74,8 +74,6 @@ class Mover:
         self._aside: Place | None = None
         self._field: Field | None = None
         self._among: tuple[Blocker, ...] = ()
-        self._unmapped: dict[tuple[int, int], Blocker] = {}
-        """What has held it and is on no map, as points, one a cell: noted on a learned floor, until the next order."""
         self._planned: Time | None = None
         self._progress, self._made_way, self._held = Progress(_PROGRESS_M), 0, False
         self._started: Time = 0
@@ -133,7 +131,6 @@ class Mover:
     def _begin(self, state: State) -> None:
         self.state, self._aside, self.yielding_to, self.blocked_by = state, None, None, None
         self.remaining_m = None
-        self._unmapped.clear()
         self._forget_progress()
 
     def _forget_progress(self) -> None:
@@ -213,7 +210,7 @@ class Mover:
         plain = self._floor.field(self._radius_m, target)
         way = plain.way(self._here) or []
         standing = self._in_the_way(way, now)
-        bodies, points = [track.blocker for track in standing], list(self._unmapped.values())
+        bodies, points = [track.blocker for track in standing], self._unmapped()
         among = (*bodies, *points)
         self.blocked_by = None
         if not among:
@@ -233,6 +230,10 @@ class Mover:
                 if self._leads(field, target, fewer):
                     self._field, self.blocked_by = field, standing[nearest].address
                     break
+
+    def _unmapped(self) -> Sequence[Blocker]:
+        """Return what is on no map, for ways to lead round it: nothing here, a floor that was given is whole."""
+        return ()
 
     def _leads(self, field: Field, target: Place, among: Sequence[Blocker]) -> bool:
         """Return whether a field among bodies leads to its target, and none of them covers the target."""

@@ -264,11 +264,11 @@ def test_who_stands_in_a_door_is_named_also_where_the_map_has_lost_its_frame(los
     mover.go((3.0, 1.0))
     scene.run(30.0, lambda: mover.state == "stuck")
     assert (mover.state, mover.blocked_by) == ("stuck", 1)
-    assert bool(mover._unmapped) is bool(lost)
+    assert bool(mover._noted) is bool(lost)
     corners = np.array([scene.place(0), *mover.way_m])  # past that robot, but round the wall
     assert swept_clearance(scene.grid, corners[:-1], corners[1:], 2.0).min() > 0.33
     mover.go((6.5, 4.0))
-    assert not mover._unmapped
+    assert not mover._noted
     scene.run(30.0, lambda: mover.state == "arrived")
     assert (mover.state, mover.blocked_by) == ("arrived", None)
 
