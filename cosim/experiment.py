@@ -174,6 +174,11 @@ class ExperimentSettings(Settings):
     quick: QuickSettings = Field(default_factory=QuickSettings, description="what --quick cuts down")
     report: ReportSettings = Field(default_factory=ReportSettings, description="what the report shows")
 
+    @property
+    def first_seed(self) -> int:
+        """Seed of the function's first replicate."""
+        return 1 if self.seed is None else self.seed
+
     @field_validator("sweep", mode="before")
     @classmethod
     def _short_form(cls, sweep: Any) -> Any:
@@ -359,7 +364,7 @@ def load_experiment(
         changes = settings.quick.set.items()
         fixed = [*(Assignment(parse_place(key), value, f"{path}: quick.set.{key}") for key, value in changes), *fixed]
     base, folder, source = _base(settings, path, fixed)
-    seed = base["seed"] if settings.scenario is not None else 1 if settings.seed is None else settings.seed
+    seed = base["seed"] if settings.scenario is not None else settings.first_seed
     axes, rows = _combined(_design(settings, str(path), quick), axes, base, seed, str(path))
     arms = tuple(_arm(settings, base, folder, source, axes, values) for values in rows)
     wanted = replicates or (settings.quick.replicates if quick else settings.replicates)

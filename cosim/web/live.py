@@ -159,7 +159,7 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     run.begin()
     try:
         _play_beginning(run)
-    except Exception:  # noqa: BLE001  # it only compiles kernels; the run that is shown meets the same error, and tells it
+    except Exception:  # noqa: BLE001  # only kernels are lost: the run that is shown makes them, and tells what breaks it
         return
     with suppress(OSError):  # without a cache that can be written to, it is done each time
         begin(done.parent)
