@@ -28,7 +28,7 @@ are validated with them, and hold all their defaults, as a scenario does; a tupl
 import itertools
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
@@ -109,6 +109,14 @@ class AxisSettings(Settings):
                 raise error_at(("high",), self.high, f"is not > {self.low}, which is low")
             if self.log and not self.low > 0:
                 raise error_at(("low",), self.low, "is not > 0, and has no logarithm")
+        return self
+
+    @model_validator(mode="after")
+    def _entitles_values(self) -> Self:
+        for label, title in self.titles.items():
+            if label not in (self.values or ()):
+                told = f"is the title of {label}, which is no value{nearest(str(label), map(str, self.values or ()))}"
+                raise error_at(("titles",), title, told)
         return self
 
     @model_validator(mode="after")
@@ -357,6 +365,7 @@ def load_experiment(
     path, sets = Path(path), tuple(sets)
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     columns = _columns(settings.sweep, str(path))
+    _refuse_unknown_axes(settings, columns.values(), quick, str(path))
     given = _given(sets, settings, columns)
     axes = _axes(settings, str(path), columns, settings.quick.sweep if quick else {}, given)
     fixed = given.settings
@@ -513,6 +522,15 @@ def _is_whole(plain: Any, place: Place) -> bool:
     return isinstance(plain, int) and not isinstance(plain, bool)
 
 
+def _refuse_unknown_axes(settings: ExperimentSettings, known: Collection[str], quick: bool, source: str) -> None:
+    """Raise UserError if the report, or what cuts axes down if *quick*, names an axis that is none."""
+    named = [(f"report.{key}: {name}", name) for key in ("x", "panel") if (name := getattr(settings.report, key))]
+    named += [(f"quick.sweep.{name}", name) for name in settings.quick.sweep if quick]
+    for place, name in named:
+        if name not in known:
+            raise UserError(f"{source}: {place}: there is no such axis{nearest(name, known)}")
+
+
 def _axes(
     settings: ExperimentSettings,
     source: str,
@@ -520,9 +538,6 @@ def _axes(
     quick: Mapping[str, Any],
     given: _Given,
 ) -> tuple[Axis, ...]:
-    for name in quick:
-        if name not in names.values():
-            raise UserError(f"{source}: quick.sweep.{name}: there is no such axis{nearest(name, names.values())}")
     axes = []
     for key, axis in settings.sweep.items():
         name, place = names[key], parse_place(axis.path or "")

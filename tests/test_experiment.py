@@ -252,6 +252,12 @@ def test_a_quick_axis_that_is_none_is_told():
     )
 
 
+@pytest.mark.parametrize("key", ["x", "panel"])
+def test_an_axis_of_the_report_that_is_none_is_told_before_anything_runs(key: str):
+    told = f"sweep.yaml: report.{key}: sise: there is no such axis, did you mean size?"
+    assert complaint(SWEEP | {"report": {key: "sise"}}) == told
+
+
 def test_columns_have_names_of_their_own():
     plain = SWEEP | {"sweep": {"team.size": [2], "floorplan.office.seed": [1, 2]}}
     assert [axis.name for axis in load_experiment(written(plain)).axes] == ["size", "office_seed"]
@@ -373,6 +379,24 @@ def test_figures_call_the_values_of_an_axis_by_their_titles(folder: Path):
     named = load_experiment(written(SWEEP | {"sweep": {"size": size, "radio": titled}}))
     assert axis_titles(folder) == {"size": {2: "2", 4: "four"}, "radio": {"near": "near", "far": "far off"}}
     assert [arm.configuration for arm in named.arms] == [arm.configuration for arm in plain.arms]  # the same runs
+
+
+@pytest.mark.parametrize(
+    ("axis", "expected"),
+    [
+        (
+            SWEEP["sweep"]["radio"] | {"titles": {"fra": "far off"}},
+            "sweep.axis.titles: 'far off' is the title of fra, which is no value, did you mean far?",
+        ),
+        (
+            {"path": "team.size", "values": [2, 4], "titles": {3: "three"}},
+            "sweep.axis.titles: 'three' is the title of 3, which is no value, expected one of 2, 4",
+        ),
+        ({"path": "team.size", "low": 2, "high": 4, "titles": {2: "two"}}, "'two' is the title of 2, which is no"),
+    ],
+)
+def test_a_title_of_what_is_no_value_of_its_axis_is_told(axis: dict[str, Any], expected: str):
+    assert expected in complaint(SWEEP | {"sweep": {"axis": axis}})
 
 
 @pytest.mark.parametrize("titles", [{4: 5}, ["four"], "four"])
