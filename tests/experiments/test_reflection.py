@@ -336,7 +336,7 @@ def test_claims_name_tests_that_are_there_and_have_no_data_without_runs(name: st
         ("reflection_tables/alternatives", 444, 24),
         ("reflection_tables/floors", 36, 27),
         ("reflection_noise/sweep", 36, 18),
-        ("reflection_noise/alternatives", 108, 9),
+        ("reflection_noise/alternatives", 180, 15),
         ("reflection_channels/sweep", 60, 10),
         ("reflection_roles/sweep", 48, 6),
         ("reflection_roles/alternatives", 96, 4),
