@@ -218,7 +218,8 @@ def _by_choice(variations: Iterable[KeptVariation]) -> str:
     """Return the verdicts by other choices, those with one verdict together."""
     names: dict[str, list[str]] = {}
     for row in variations:
-        names.setdefault(row.verdict, []).append(row.variation)
+        name = f'"{row.variation}"' if ", " in row.variation else row.variation  # it stands in a list
+        names.setdefault(row.verdict, []).append(name)
     total = sum(map(len, names.values()))
     return "; ".join(
         f"{word} with {len(found)} of {total}" if len(found) > MOST_NAMED else f"{word}: {', '.join(found)}"
