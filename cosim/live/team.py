@@ -209,7 +209,8 @@ class Team:
         machine: Machine = simulation.machines[robot]
         ours, theirs = multiprocessing.Pipe()
         host = (robot, machine, simulation.senses, simulation.channel.carried(robot), sockets, theirs)
-        process = multiprocessing.get_context("fork").Process(target=_drive, args=host, daemon=True)
+        inherited = [*self._pipes.values(), ours]
+        process = multiprocessing.get_context("fork").Process(target=_drive, args=(inherited, *host), daemon=True)
         with warnings.catch_warnings():  # of threads of libraries, which wait in no lock that a machine needs
             warnings.simplefilter("ignore", DeprecationWarning)
             process.start()
@@ -324,7 +325,7 @@ class Team:
                     break
 
 
-def _drive(
-    robot: Address, machine: Machine, senses: Any, radios: Any, sockets: list[socket.socket], pipe: Connection
-) -> None:
-    Host(robot, machine, senses, radios, sockets, pipe).run()
+def _drive(inherited: list[Connection], robot: Address, machine: Machine, senses: Any, *rest: Any) -> None:
+    for each in inherited:  # the team's ends: a robot that held one would wait for ever to write to a team that is gone
+        each.close()
+    Host(robot, machine, senses, *rest).run()

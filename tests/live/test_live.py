@@ -169,6 +169,16 @@ def test_links_are_the_ideal_channels(started: Any) -> None:
 
 
 @pytest.mark.slow
+def test_no_robot_holds_the_teams_end_of_a_pipe(started: Any) -> None:
+    run = started(monitoring(duration_s=PATIENCE_S))
+    held = [
+        sum("socket:" in str(each.readlink()) for each in Path(f"/proc/{pid}/fd").iterdir())
+        for pid, _ in run.robots.values()
+    ]
+    assert held == [2] * len(held), "its own end, and UDP: who holds the other end never sees that the team is gone"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_whatever_ends_it_no_process_is_left(how: signal.Signals, started: Any) -> None:
     run = started(monitoring(duration_s=PATIENCE_S))
