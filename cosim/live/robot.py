@@ -10,8 +10,8 @@ import signal
 import socket
 import time
 import traceback
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -110,6 +110,19 @@ def bound_socket() -> socket.socket:
     return one
 
 
+class _TeamGoneError(Exception):
+    """The team's process is gone: its pipe has ended."""
+
+
+@contextmanager
+def _pipe_alone() -> Iterator[None]:
+    """Tell the end of the team's pipe from the errors of the same kinds that a machine may raise of its own."""
+    try:
+        yield
+    except (EOFError, BrokenPipeError, ConnectionResetError) as error:
+        raise _TeamGoneError from error
+
+
 class Host:
     """What one process drives: a machine, its socket and its pipe."""
 
@@ -145,20 +158,29 @@ class Host:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the team's process hears Ctrl-C, and ends this one
         try:
             self._play()
-        except (EOFError, BrokenPipeError, ConnectionResetError):
+        except _TeamGoneError:
             return
         except LocalProtocolError as error:
-            self._answer(Failed(str(error)))
-        except Exception:  # noqa: BLE001  # a machine may raise anything; the team's process gets, and raises, it
-            self._answer(Failed(f"robot {self._robot}: its machine has failed\n\n{traceback.format_exc()}"))
+            why = str(error)
+        except Exception:  # noqa: BLE001  # a machine may raise anything: it goes to the team's process, which raises it
+            why = f"robot {self._robot}: its machine has failed\n\n{traceback.format_exc()}"
+        else:
+            return
+        with suppress(_TeamGoneError):
+            self._answer(Failed(why))
+
+    def _told(self) -> Told:
+        with _pipe_alone():
+            told: Told = self._pipe.recv()
+            return told
 
     def _answer(self, answer: Answer) -> None:
-        with suppress(BrokenPipeError, ConnectionResetError):
+        with _pipe_alone():
             self._pipe.send(answer)
 
     def _play(self) -> None:
         parent = os.getppid()
-        self._take(self._pipe.recv())
+        self._take(self._told())
         self._drain()
         while not self._over:
             self._wait()
@@ -185,7 +207,7 @@ class Host:
         if self._socket in ready:
             self._hear()
         while not self._over and self._pipe.poll():
-            self._take(self._pipe.recv())
+            self._take(self._told())
 
     def _hear(self) -> None:
         for _ in range(MOST_AT_ONCE):
@@ -232,7 +254,7 @@ class Host:
         commands, finished = machine.commands(), machine.finished
         if events or items or commands or finished != self._told_finished:
             self._told_finished = finished
-            self._pipe.send(Report(now, finished, list(events), items, list(commands)))
+            self._answer(Report(now, finished, list(events), items, list(commands)))
 
     def _send(self, item: Outgoing) -> None:
         """Send a payload to all who hear this robot, or to one of them."""

@@ -208,9 +208,15 @@ class Team:
         simulation, robot = self._simulation, node.address
         machine: Machine = simulation.machines[robot]
         ours, theirs = multiprocessing.Pipe()
-        host = (robot, machine, simulation.senses, simulation.channel.carried(robot), sockets, theirs)
-        inherited = [*self._pipes.values(), ours]
-        process = multiprocessing.get_context("fork").Process(target=_drive, args=(inherited, *host), daemon=True)
+        radios = simulation.channel.carried(robot)
+
+        def drive() -> None:
+            # a robot that held the team's ends would wait for ever to write to a team that is gone
+            for each in (*self._pipes.values(), ours):
+                each.close()
+            Host(robot, machine, simulation.senses, radios, sockets, theirs).run()
+
+        process = multiprocessing.get_context("fork").Process(target=drive, daemon=True)
         with warnings.catch_warnings():  # of threads of libraries, which wait in no lock that a machine needs
             warnings.simplefilter("ignore", DeprecationWarning)
             process.start()
@@ -323,9 +329,3 @@ class Team:
                 if not isinstance(answer, Report):
                     self._heard(robot, answer)
                     break
-
-
-def _drive(inherited: list[Connection], robot: Address, machine: Machine, senses: Any, *rest: Any) -> None:
-    for each in inherited:  # the team's ends: a robot that held one would wait for ever to write to a team that is gone
-        each.close()
-    Host(robot, machine, senses, *rest).run()

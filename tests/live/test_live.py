@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from statistics import median
@@ -115,6 +115,12 @@ def is_gone(pid: int) -> bool:
     return True
 
 
+def in_the_end(holds: Callable[[], bool]) -> bool:
+    """Whether *holds* comes true while one waits."""
+    waited = threading.Event()
+    return any(holds() or waited.wait(0.01) for _ in range(100 * PATIENCE_S))
+
+
 # ---------------------------------------------------------------- outcomes
 
 
@@ -171,13 +177,9 @@ def test_links_are_the_ideal_channels(started: Any) -> None:
 @pytest.mark.slow
 def test_no_robot_holds_the_teams_end_of_a_pipe(started: Any) -> None:
     run = started(monitoring(duration_s=PATIENCE_S))
-    expected, held, waited = [2] * len(run.robots), [], threading.Event()  # its own end, and UDP
-    for _ in range(100 * PATIENCE_S):  # a robot may not have come to it yet
-        held = [sockets_of(pid) for pid, _ in run.robots.values()]
-        if held == expected:
-            return
-        waited.wait(0.01)
-    raise AssertionError(f"{held}: who holds the other end never sees that the team is gone")
+    pids = [pid for pid, _ in run.robots.values()]
+    assert pids
+    assert in_the_end(lambda: all(sockets_of(pid) == 2 for pid in pids)), "more than its own end, and UDP"
 
 
 def sockets_of(pid: int) -> int:
@@ -197,36 +199,35 @@ def test_whatever_ends_it_no_process_is_left(how: signal.Signals, started: Any) 
     code, metrics, _ = run.ended()
     assert code == (130 if how == signal.SIGINT else -signal.SIGKILL)
     assert metrics is None
-    waited = threading.Event()
-    for _ in range(100 * PATIENCE_S):
-        if all(is_gone(pid) for pid, _ in run.robots.values()):
-            return
-        waited.wait(0.01)
-    raise AssertionError("a robot is left")
+    assert in_the_end(lambda: all(is_gone(pid) for pid, _ in run.robots.values())), "a robot is left"
 
 
 class Broken:
     """A machine whose deadline is a mistake."""
 
-    def __init__(self, machine: Any) -> None:
+    def __init__(self, machine: Any, mistake: type[Exception]) -> None:
         self._machine = machine
+        self._mistake = mistake
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._machine, name)
 
     def wake(self, now: int) -> None:
-        raise ZeroDivisionError("one heartbeat too many")
+        raise self._mistake("one heartbeat too many")
 
 
 @pytest.mark.slow
-def test_what_a_machine_fails_of_is_told_and_the_others_end(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("mistake", [ZeroDivisionError, EOFError, BrokenPipeError])  # pipes of its own may break, too
+def test_what_a_machine_fails_of_is_told_and_the_others_end(
+    mistake: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cosim.live.team.check_apart", lambda scenario, seed: None)
     started = scenario("monitoring", MONITORING, duration_s=PATIENCE_S)
     make = started.protocol.spec.make
     monkeypatch.setitem(
         started.protocol.spec.__dict__,
         "make",
-        lambda *given: Broken(make(*given)) if given[2] == 1 else make(*given),
+        lambda *given: Broken(make(*given), mistake) if given[2] == 1 else make(*given),
     )
     said: list[str] = []
     with pytest.raises(LocalProtocolError, match=r"(?s)^robot 1: its machine has failed.*one heartbeat too many"):
