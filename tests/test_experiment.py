@@ -392,7 +392,10 @@ def test_figures_call_the_values_of_an_axis_by_their_titles(folder: Path):
             {"path": "team.size", "values": [2, 4], "titles": {3: "three"}},
             "sweep.axis.titles: 'three' is the title of 3, which is no value, expected one of 2, 4",
         ),
-        ({"path": "team.size", "low": 2, "high": 4, "titles": {2: "two"}}, "'two' is the title of 2, which is no"),
+        (
+            {"path": "team.size", "low": 2, "high": 4, "titles": {2: "two"}},
+            "sweep.axis.titles: 'two' is the title of 2, which is no value, nothing is expected there",
+        ),
     ],
 )
 def test_a_title_of_what_is_no_value_of_its_axis_is_told(axis: dict[str, Any], expected: str):
