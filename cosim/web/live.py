@@ -5,8 +5,10 @@ thread publishes under a lock what they are sent, as plain data that does not ch
 """
 
 import json
+import logging
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -48,6 +50,7 @@ from cosim.web.scans import Scanner
 from cosim.web.scenes import scene_of
 from cosim.web.timeline import Grown, Timeline
 
+_LOG: Final = logging.getLogger(__name__)
 _WATCHED: Final = (POSES, FRAMES, TRANSMISSIONS, RECEPTIONS, INTERVALS, MESSAGES, WAKES, PAYLOADS, METRICS, *BELIEFS)
 """Tables that a page shows besides the events."""
 _WISHES: Final = 64
@@ -303,12 +306,14 @@ class Live:
                     self._end()
                 spent = time.monotonic() - begun
                 self._closing.wait(max(0.001, _PERIOD_S - spent))
-        except Exception as error:  # noqa: BLE001  # a machine may raise anything, a thread has no caller: pages show it
+        except Exception as error:  # noqa: BLE001  # a machine may raise anything, a thread has no caller: pages and log tell it
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        """Publish that the run has failed, and its state if that can still be asked for."""
+        """Publish that the run has failed, and its state if that can still be asked for; log where it did."""
         self._failure = f"{type(error).__name__}: {error}"
+        # as text: a record that has the error keeps its frames, and what they hold
+        _LOG.error("the run has failed\n\n%s", "".join(traceback.format_exception(error)).rstrip())
         try:
             self._publish()
         except Exception:  # noqa: BLE001  # a run that has failed may fail again when looked at; the first is told

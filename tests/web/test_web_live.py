@@ -1,6 +1,7 @@
 """A run under way: it is the same run as without pages, does what they ask, and leaves nothing behind."""
 
 import json
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -360,7 +361,9 @@ def test_what_is_said_after_steps_is_heard_after_them(live: Making, slow: None):
     assert answered["time_s"] == pytest.approx(3.0)
 
 
-def test_a_run_of_which_nothing_more_can_be_shown_has_failed(live: Making, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_of_which_nothing_more_can_be_shown_has_failed(
+    live: Making, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
     session = live(speed=10.0, patient=True, duration_s=1_000_000)
     page = Page(session)
     page.until(lambda message: message["time_s"] > 0)
@@ -370,5 +373,7 @@ def test_a_run_of_which_nothing_more_can_be_shown_has_failed(live: Making, monke
 
     monkeypatch.setattr(Live, "_robots", broken)
     assert page.until(state("failed"))["why"] == "RuntimeError: nothing to be seen"
+    (told,) = caplog.messages
+    assert re.search(r'test_web_live\.py", line \d+, in broken', told), "the log tells where"
     with pytest.raises(UserError, match="this run has failed"):
         session.wish(Pause(say="pause"))
