@@ -195,7 +195,8 @@ def compared(true: Floats, here: Floor, range_m: float, seed: int, karto: str | 
     recording = recorded(true, here.walls, senses, seed)
     own = sheet()["protocol"]["parameters"]["positioning"]["filter"] | {"range_m": range_m}
     same = {"odometry_slip": senses.odometry_slip, "odometry_turn_rad": senses.odometry_turn_rad}
-    alphas, of_senses = SlamParameters(**own), SlamParameters(**own, **same, odometry="senses")
+    alphas = SlamParameters(**own | {"odometry": "alphas"})
+    of_senses = SlamParameters(**own | same | {"odometry": "senses"})
     found = {
         "odometry": recording.told,
         "filter, alphas": by_filter(recording, here.grid, alphas, seed),
