@@ -8,7 +8,18 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.recorded_scans import by_filter, by_karto, carried_on, errors_m, keys, recorded, rows
+from benchmarks.recorded_scans import (
+    Floor,
+    by_filter,
+    by_karto,
+    carried_on,
+    compared,
+    errors_m,
+    keys,
+    recorded,
+    rows,
+    sheet,
+)
 from cosim.geometry.segments import ray_casts
 from cosim.navigation.slam import MapGrid, SlamParameters
 from cosim.robots.senses import SenseSettings
@@ -38,6 +49,17 @@ def test_a_filter_finds_its_way_on_a_recording():
     recording = recorded(COURSE, ROOM, erring, 3)
     found = by_filter(recording, GRID, SlamParameters(odometry="senses", odometry_slip=0.3, odometry_turn_rad=0.1), 3)
     assert errors_m(found, COURSE)[0] < 0.7 * errors_m(recording.told, COURSE)[0]
+
+
+def test_the_filter_is_compared_with_either_errors_of_odometry_whichever_the_sheet_has():
+    senses = SenseSettings(**sheet()["team"]["senses"])
+    recording = recorded(COURSE, ROOM, senses, 3)
+    found = compared(COURSE, Floor(ROOM, GRID), senses.beam_range_m, 3, None)
+    assert list(found) == ["odometry", "filter, alphas", "filter, senses"]
+    for kind in ("alphas", "senses"):
+        own = SlamParameters(odometry=kind, particles=30, power=0.03, range_m=2.5)
+        assert found[f"filter, {kind}"] == errors_m(by_filter(recording, GRID, own, 3), COURSE)
+    assert found["filter, alphas"] != found["filter, senses"]
 
 
 def test_karto_takes_a_scan_after_a_fifth_of_a_metre_or_ten_degrees():

@@ -9,10 +9,12 @@ The verdicts of a whole sheet may be kept beside its published.csv, in ``verdict
 lists where it says something else.
 """
 
+import logging
+import traceback
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from cosim.errors import UserError
 from cosim.experiment import experiment_folders, find_experiment, load_experiment
@@ -25,6 +27,8 @@ from cosim.report.sweep_report import report
 from cosim.report.tried import Judged, Tried, index_rows
 from cosim.sweep import Progress, run_sweep
 from cosim.trace import drafted
+
+_LOG: Final = logging.getLogger(__name__)
 
 
 class Reproduction:
@@ -65,9 +69,10 @@ class Reproduction:
             write_page(self.folder / f"{name}.html", folder, made)
             tried.claims, tried.made, tried.error = made.claims, made, ""
         except Exception as error:  # noqa: BLE001  # the others go on; it stands in the index, and the command fails
-            tried.error = " ".join(
-                f"{'' if isinstance(error, UserError) else type(error).__name__ + ': '}{error}".split()
-            )
+            kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
+            tried.error = " ".join(f"{kind}{error}".split())
+            if not isinstance(error, UserError | OSError):  # a fault of this program: its place is not in the sentence
+                _LOG.error("%s has failed\n\n%s", name, traceback.format_exc().rstrip())
         self.write_index()
         return tried
 

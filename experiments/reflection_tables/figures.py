@@ -148,7 +148,7 @@ def rescues(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answe
     gains = {size: confidence_limits((alone - shares).dropna()) for size, shares in with_helpers.items()}
     if not gains or not all(gain.size for gain in gains.values()):
         return NO_DATA
-    words = ", ".join(f"{size} robots {100 * gain.mean:.3g} points" for size, gain in gains.items())
+    words = ", ".join(f"{size} robots {round(100 * gain.mean, 9) + 0:.3g} points" for size, gain in gains.items())
     holds = None if any(gain.size < 2 for gain in gains.values()) else all(gain.lower > 0 for gain in gains.values())
     return f"fewer given up than alone: {words}", holds
 

@@ -102,6 +102,8 @@ def test_one_target_given_up_refutes_that_all_are_reached():
     assert answer(figures, "rescues_first", runs) is True
     runs["targets_given_up"] = 5.0
     assert answer(figures, "rescues_first", runs) is False
+    runs.loc[runs["robots"] == 2, "targets_given_up"] = [2.0, 8.0]  # shares whose difference is none but for rounding
+    assert figures.rescues("first", runs, runs)[0] == "fewer given up than alone: 2 robots 0 points"
 
 
 def test_the_printed_cells_stand_beside_ours_and_are_not_judged():

@@ -34,6 +34,20 @@ def index(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.parametrize(("error", "logged"), [(ZeroDivisionError("of ours"), True), (OSError("disk full"), False)])
+def test_where_a_fault_of_ours_is_is_logged(
+    error: Exception, logged: bool, folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    def fails(*words: object, **named: object) -> None:
+        raise error
+
+    written(folder / "sound")
+    monkeypatch.setattr("cosim.report.reproduction.run_sweep", fails)
+    found = Reproduction([str(folder / "sound")], folder / "out", quick=True, jobs=1)
+    assert found.make("sound", lambda *_: None).error == f"{type(error).__name__}: {error}"
+    assert [", in fails\n" in told for told in caplog.messages] == [True] * logged
+
+
 def test_every_row_of_every_published_csv_is_in_the_index(tmp_path: Path):
     there, names = [], {folder.resolve(): name for name, folder in experiment_folders().items()}
     for path in EXPERIMENTS.glob("**/published.csv"):
