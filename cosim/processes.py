@@ -32,8 +32,6 @@ BATCH_S: Final = 0.2
 """Time that a batch is to take: longer, and the end of a sweep waits for the last one; shorter, and pipes cost more."""
 MOST: Final = 256
 """Items of a batch at most."""
-AHEAD: Final = 2
-"""Batches that a worker has been given and has not finished: it never waits for the parent."""
 _DIED: Final = "the processes that computed it died (killed, or out of memory)"
 """What is said of an item that is given up."""
 LIVES: Final = 5
@@ -157,7 +155,10 @@ class Pool(Generic[Asked, Made]):
     def _next(self, worker: _Worker[Asked], again: deque[Asked], todo: Iterator[Asked], left: int) -> list[Asked]:
         """Return what *worker* is to be given next; nothing if it has enough, or there is nothing left."""
         size = max(1, min(MOST, int(BATCH_S / self._item_s), left // (2 * self._wanted)))
-        if len(worker.given) > (AHEAD - 1) * size:
+        # a batch of short items waits for the worker, which never waits for the parent; a long item would wait for it
+        # while other workers have nothing to do
+        ahead = size if self._item_s < BATCH_S else 0
+        if len(worker.given) > ahead:
             return []
         if again:  # alone: if it is what killed a worker, it is known then
             return [] if worker.given else [again.popleft()]

@@ -63,6 +63,10 @@ def test_each_item_is_computed_once_by_whatever_number_of_workers(labour: Any, w
     assert os.getpid() not in pids
 
 
+def test_long_items_wait_for_no_worker_while_another_is_idle(labour: Any):
+    assert made(labour.side_by_side, 2, begin=labour.one_begins_late) == [True, True]
+
+
 def test_nothing_to_do_starts_no_process(labour: Any, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(subprocess, "Popen", None)
     assert made(labour.square, 0, 0) == []

@@ -64,3 +64,21 @@ def dies_at_once():
 
 def refuses():
     return "it is Monday"
+
+
+def one_begins_late():
+    """Make all processes but the first begin half a second later."""
+    try:
+        Path("first").touch(exist_ok=False)
+    except FileExistsError:
+        time.sleep(0.5)
+
+
+def side_by_side(number):
+    """Return whether the other of two items has begun before this one ends."""
+    Path(f"begun {number}").touch()
+    for _ in range(500):
+        if Path(f"begun {1 - number}").exists():
+            return True
+        time.sleep(0.01)
+    return False
