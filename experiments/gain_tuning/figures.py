@@ -47,18 +47,19 @@ def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataF
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw the least cost so far by candidate, a line a search."""
+    """Draw the least cost so far by candidate: a thin line for each search, and the mean of all."""
     if "stage" not in observations:
         return []
     tried = observations[observations["stage"] == SEARCH]
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     plot = figure.subplots()
-    for replicate, own in tried.sort_values("number").groupby("replicate"):
-        plot.step(own["number"] + 1, own["cost_s"].cummin(), where="post", label=f"search {replicate}")
+    least = tried.pivot(index="number", columns="replicate", values="cost_s").sort_index().cummin()
+    plot.step(least.index + 1, least, where="post", color="tab:blue", linewidth=0.8, alpha=0.5)
+    plot.step(least.index + 1, least.mean(axis="columns"), where="post", color="black", linewidth=2)
+    plot.legend(plot.lines[-2:], ["a search", f"mean of {least.shape[1]}"], loc="lower right")
     plot.set(xlabel="candidates tried", ylabel="least cost on the training offices, s")
     plot.set_ylim(bottom=0)
     plot.grid(alpha=0.3)
-    plot.legend(fontsize="small")
     path = folder / "search.png"
     save(figure, path)
     return [path]
