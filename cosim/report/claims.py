@@ -183,12 +183,13 @@ def judge(claim: Claim, runs: pd.DataFrame, seen: pd.DataFrame, figures: ModuleT
         return _answered(claim, ours, holds, _told(figures, function))
     rows = next((rows for rows in (_rows(each, claim) for each in (runs, seen)) if rows is not None), None)
     missing = rows is None or rows.empty or rows[ANSWER].isna().all()
-    if other:
-        ours = "-" if rows is None or missing else str(interval(rows[ANSWER], seeds_of(rows)))
-        return _verdict(claim, ours, "not comparable", other[1])
+    if other and not claim.quantity:
+        return _verdict(claim, "-", "not comparable", other[1])
     if rows is None or missing:
         asked = f" where {claim.where}" if claim.where else ""
         return _verdict(claim, "-", "no data", f"no run has a value of {claim.quantity or 'any quantity'}{asked}")
+    if other:
+        return _verdict(claim, str(interval(rows[ANSWER], seeds_of(rows))), "not comparable", other[1])
     single = claim.test == "equal"  # of every row: no share of them
     found = (estimate if single else interval)(rows[ANSWER], seeds_of(rows))
     holds, reason = _held(claim, rows, found)

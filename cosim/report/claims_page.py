@@ -215,10 +215,12 @@ def _value(text: str) -> str:
 
 
 def _by_choice(variations: Iterable[KeptVariation]) -> str:
-    """Return the verdicts by other choices, those with one verdict together."""
+    """Return the verdicts by other choices, those with one verdict together; ours, where nothing is judged."""
     names: dict[str, list[str]] = {}
     for row in variations:
         name = f'"{row.variation}"' if ", " in row.variation else row.variation  # it stands in a list
+        if row.verdict == "not comparable":  # the word says nothing without ours
+            name += f" ({_value(row.ours)})"
         names.setdefault(row.verdict, []).append(name)
     total = sum(map(len, names.values()))
     return "; ".join(

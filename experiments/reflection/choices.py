@@ -28,6 +28,7 @@ def of_choice(runs: pd.DataFrame, choice: str, claim: str) -> pd.DataFrame:
     found = pd.concat([own, usual[~usual.index.isin(own.index)]]).reset_index()
     if {"given_up", "targets"} <= set(found):
         found["targets_given_up"] = found["given_up"] * found["targets"]
+        found["motion_steps"] = found["steps"] * found["targets"]
     if "team" in found:
         found["robots"] = [
             SIZES[-1] if team == MANY else LEAST[name]

@@ -268,6 +268,8 @@ def test_claims_are_judged_choice_by_choice_with_the_usual_runs_where_a_choice_m
         101.0,
         102.0,
     }
+    ours = choices.of_choice(runs, choices.AS_IN_THE_TABLES, "cell_first_visbug_1")
+    assert (ours["motion_steps"] / ours["targets"]).tolist() == ours["steps"].tolist()  # as the printed cells ask
     assert set(alternatives.savings(runs)["choice"][2:]) == {"Cr 15"}
     assert len(alternatives.savings(runs)) == 3
 

@@ -123,6 +123,12 @@ def test_a_choice_with_a_comma_is_quoted_among_others(folder: Path) -> None:
     assert line(page({"sound": folder}), "first")[4] == 'holds: near, "near, slow"'
 
 
+def test_where_nothing_is_judged_the_page_shows_what_came_out_by_choice(folder: Path) -> None:
+    rows = "zones,near,first,not comparable,4 ± 1,5,k\nzones,far,first,not comparable,9 ± 2,5,k\n"
+    (folder / "variations.csv").write_text(VARIATIONS + rows, encoding="utf-8")
+    assert line(page({"sound": folder}), "first")[4] == "not comparable: near (4 ± 1), far (9 ± 2)"
+
+
 def test_what_chance_would_turn_is_added_up_by_experiment(folder: Path) -> None:
     assert "How many verdicts chance would turn" not in page({"sound": folder})
     (folder / "chance.csv").write_text(CHANCE + "first,fails,0.25,open,8\nsecond,holds,0.5,fails,8\n", encoding="utf-8")

@@ -115,6 +115,7 @@ def test_estimates_come_by_arm():
         ({"published": "-1", "test": "at most"}, "fails"),
         ({"test": "not comparable: theirs had wheels"}, "not comparable"),
         ({"test": "not comparable: theirs had wheels", "quantity": "", "published": ""}, "not comparable"),
+        ({"test": "not comparable: theirs had wheels", "where": "size == 8"}, "no data"),
         ({"where": "size == 8"}, "no data"),
         ({"quantity": "nothing"}, "no data"),
         ({"test": "decide"}, "holds"),
