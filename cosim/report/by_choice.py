@@ -29,8 +29,8 @@ from cosim.report.kept import KeptVariation, check_whole, keep_variations
 from cosim.report.saving import save
 from cosim.results import RunStore, SweepDescription
 
-COLOURS: Final = {"holds": "C0", "fails": "C1", "open": "0.8", "not comparable": "0.9"}
-"""Colours of the verdicts that are drawn."""
+COLOURS: Final = {"holds": "C0", "fails": "C1", "open": "0.8"}
+"""Colours of the verdicts that are drawn: those of claims that are judged."""
 
 
 def judged(runs: pd.DataFrame, experiment: Path | None) -> dict[str, list[Verdict]]:
@@ -62,7 +62,8 @@ def verdicts(runs: pd.DataFrame, experiment: Path | None) -> pd.DataFrame:
 
 
 def draw_verdicts(found: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw the verdicts, a row a claim, a column a choice, into *folder*."""
+    """Draw the verdicts, a row a claim that is judged, a column a choice, into *folder*; nothing if there is none."""
+    found = found[found.isin(list(COLOURS)).any(axis="columns")]
     if found.empty:
         return []
     figure = Figure(figsize=(4.0 + 0.34 * found.shape[1], 2.4 + 0.24 * found.shape[0]), layout="constrained")

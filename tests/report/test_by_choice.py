@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from cosim.experiment import load_experiment
-from cosim.report.by_choice import main
+from cosim.report.by_choice import draw_verdicts, main
 from cosim.report.kept import KeptVariation, keep_variations, kept_variations
 from cosim.results import RunStore, SweepDescription
 from tests.checkout import DATA
@@ -54,6 +54,11 @@ def test_each_choice_is_judged_alone(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert table.to_dict("index") == {"short": {"near": "holds", "far": "fails"}}
     assert (folder / "claims_by_choice.png").is_file()
     assert str(folder / "claims_by_choice.csv") in capsys.readouterr().out
+
+
+def test_what_is_not_judged_is_not_drawn(tmp_path: Path) -> None:
+    assert draw_verdicts(pd.DataFrame({"near": {"printed": "not comparable"}}), tmp_path) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_sweep_without_choices_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
