@@ -152,9 +152,10 @@ class Reflection(Drains):
             self._note_jump(here, now)
         self._here = here
         self._looked_ms = (now - self._start) // MS
-        if observation.sightings is not self._seen:
-            self._seen = observation.sightings
-            self._sightings = {address: (x_m, y_m) for address, x_m, y_m in self._seen}
+        seen = observation.sightings
+        if seen is not self._seen:
+            self._seen = seen
+            self._sightings = {address: (x_m, y_m) for address, x_m, y_m in seen}
         seeker = self.seeker
         if seeker is not None:
             seeker.arrive(x, y, now)
