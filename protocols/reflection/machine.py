@@ -120,32 +120,33 @@ class Reflection(Drains):
         """True if all goals are reached or given up; a helper has none, and helps as long as it is asked to."""
         return self.seeker is None or self.seeker.finished
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a frame, if its sender is in sight."""
+    def receive(self, data: bytes, reception: Reception, now: Time) -> bool:
+        """Take a frame, if its sender is in sight; return False if nothing is to be done about it."""
         peer = reception.source
         if peer == self.me:
-            return
+            return False
         try:
             frame = decode(data)
         except WireError as error:
             self._events.append(BadBytes(str(error)))
-            return
+            return True
         peer_m = self._sightings.get(peer)
         if peer_m is None:
             self._unseen(frame)
-            return
+            return False
         self._states[peer] = frame.in_trouble
         self._note_goals(frame, peer_m)
         if frame.pledges and self._note_promises(frame, peer, peer_m, now) and self.seeker is not None:
             self.seeker.promised(now)
+        return self.left()
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take an event of a link, if links are used; else frames go to all in reach."""
         if self._meeting is not None:
             self._meeting.link(event, now)
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        """Look, choose where to go, and broadcast."""
+    def observe(self, observation: Observation, now: Time) -> bool:
+        """Look, choose where to go, and broadcast; return False if nothing has come of it."""
         x, y = observation.x_m, observation.y_m
         here, last = (x, y), self._here
         if last is not None and abs(x - last[0]) + abs(y - last[1]) > self._jump_m:
@@ -169,6 +170,7 @@ class Reflection(Drains):
             self._send(here, now)
         if self._meeting is not None:
             self._meeting.look(self._sightings, now)
+        return self.left()
 
     def wake(self, now: Time) -> None:
         """Do nothing: there are no deadlines."""
