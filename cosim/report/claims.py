@@ -42,7 +42,7 @@ from cosim.documents import read_text, validated
 from cosim.errors import UserError
 from cosim.experiment import experiment_folders
 from cosim.report.estimates import seeds_of
-from cosim.report.figures_module import MOST_LETTERS, call, shortened
+from cosim.report.figures_module import MOST_LETTERS, call, question, shortened
 from cosim.results import SweepDescription
 from cosim.settings import Settings
 from cosim.statistics.digits import digits
@@ -180,7 +180,7 @@ def judge(claim: Claim, runs: pd.DataFrame, seen: pd.DataFrame, figures: ModuleT
         return _verdict(claim, "-", "no data", "there are no runs")
     if function is not None:
         ours, holds = call(figures, function, runs, seen)
-        return _answered(claim, ours, holds, _told(figures, function))
+        return _answered(claim, ours, holds, question(figures, function))
     rows = next((rows for rows in (_rows(each, claim) for each in (runs, seen)) if rows is not None), None)
     missing = rows is None or rows.empty or rows[ANSWER].isna().all()
     if other and not claim.quantity:
@@ -211,13 +211,6 @@ def _answered(claim: Claim, ours: object, holds: bool | None, about: str) -> Ver
         return _verdict(claim, "-", "no data", f"{function} in figures.py finds no runs that it is about")
     said = "leaves it open" if holds is None else "finds that it holds" if holds else "finds that it does not hold"
     return _verdict(claim, str(ours), _word(holds), f"{function} in figures.py {said}{about and f': {about}'}")
-
-
-def _told(figures: ModuleType | None, function: str) -> str:
-    """Return the first sentence of the docstring of a *function* in *figures*, without its verb, or nothing."""
-    found = getattr(figures, function)
-    text = getattr(found, "func", found).__doc__ or ""  # of what a functools.partial calls
-    return " ".join(text.split("\n\n")[0].split()).rstrip(".").removeprefix("Return ").removeprefix("Answer ")
 
 
 def _rows(frame: pd.DataFrame, claim: Claim) -> pd.DataFrame | None:

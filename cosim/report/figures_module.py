@@ -5,12 +5,14 @@ file, the line and the cause.
 """
 
 import importlib.util
+import re
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -19,6 +21,8 @@ from cosim.errors import UserError
 
 MOST_LETTERS = 80
 """Most characters of a user's text that an error quotes."""
+_MARKED: Final = re.compile(r"(``|\*)(\w+)\1")
+"""A name in a docstring."""
 
 
 def load_figures(folder: Path | None) -> ModuleType | None:
@@ -52,6 +56,29 @@ def call(figures: ModuleType | None, name: str, *arguments: Any) -> Any:
     if not right:
         raise UserError(f"{path}: {name}: answers {shortened(repr(answer))}, expected {expected}")
     return answer
+
+
+def question(figures: ModuleType | None, name: str) -> str:
+    """Return what the function *name* in *figures* answers: the first sentence of its docstring, without the verb.
+
+    Its reader does not have the code: the name of a constant or of an argument that is bound gives way to its value,
+    if that is a text or a number. Without a docstring it is nothing.
+    """
+    found = getattr(figures, name)
+    values: dict[str, object] = {}
+    if isinstance(found, partial):
+        names = getattr(getattr(found.func, "__code__", None), "co_varnames", ())  # those of arguments are the first
+        values = dict(zip(names, found.args, strict=False)) | found.keywords
+        found = found.func
+    values = getattr(found, "__globals__", {}) | values
+    text = " ".join((found.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
+    text = text.removeprefix("Return ").removeprefix("Answer ")
+    return _MARKED.sub(lambda marked: _valued(marked[2], values), text)
+
+
+def _valued(name: str, values: Mapping[str, object]) -> str:
+    value = values.get(name)
+    return f"{value:g}" if isinstance(value, int | float) else value if isinstance(value, str) else name
 
 
 @contextmanager

@@ -37,7 +37,7 @@ def fastest(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Ans
 
 
 def survives_adhoc(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether the messages' time costs next to nothing: less than ``SLIGHT`` of the time with none."""
+    """Answer whether the messages' time costs little: less than ``SLIGHT`` times what searches take with none."""
     return less(runs, [("", SHEET.arm(strategy, "adhoc"), SHEET.arm(strategy, "ideal"))], TIME, SLIGHT, "min")
 
 

@@ -71,7 +71,7 @@ def early(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answ
 
 
 def srp_constant(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether each of SRP's means is within ``CONSTANT`` of that for the first distribution."""
+    """Answer whether each of SRP's means differs by a share below ``CONSTANT`` from that for the first distribution."""
     first, *others = (SHEET.arm("srp", each) for each in DISTRIBUTIONS)
     found = [equivalent(runs, each, first, CONSTANT, TIME, "min") for each in others]
     if NO_DATA in found:
@@ -134,7 +134,7 @@ def straight(samples: Floats) -> Floats:
 
 
 def mrp_like_srp(distribution: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether the mean search times of MRP and SRP differ by less than ``SIMILAR``."""
+    """Answer whether the mean search times of MRP and SRP differ by a share of less than ``SIMILAR``."""
     return equivalent(runs, SHEET.arm("mrp", distribution), SHEET.arm("srp", distribution), SIMILAR, TIME, "min")
 
 

@@ -64,7 +64,7 @@ def renewal_classic(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 
 def renewal_le(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Return at how many points Low Energy does."""
+    """Return at how many points Bluetooth Low Energy loses what the station's frames let expect."""
     return _renewal(runs, LE)
 
 

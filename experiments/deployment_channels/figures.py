@@ -15,7 +15,7 @@ KILLED: Final = ("none", "robot", "host")
 
 
 def deploys(network: str, killed: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether with every executive that was run the runs end deployed, so many of them being *killed*."""
+    """Answer whether with every executive that was run the runs end deployed; killed: *killed*."""
     if not {"deployed", "executive"} <= set(runs):
         return NO_DATA
     made = [each for each in EXECUTIVES if each in set(runs["executive"])]

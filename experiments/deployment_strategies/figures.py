@@ -92,7 +92,10 @@ def _means(runs: pd.DataFrame, strategy: str, sizes: Sequence[int], metric: str)
 
 
 def lowers(strategy: str, size: int | None, metric: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether interference is lower with the augmentations, with 95 % confidence; None: in the mean of sizes."""
+    """Answer whether interference is lower with the augmentations, with 95 % confidence.
+
+    Without a *size* it is that of all sizes in the mean.
+    """
     sizes = _sizes(runs) if size is None else [size]
     both = _means(runs, strategy, sizes, metric) if sizes else pd.DataFrame()
     if both.empty:

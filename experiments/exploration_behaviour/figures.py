@@ -56,12 +56,12 @@ def _stalls(floor: str, robots: int, runs: pd.DataFrame) -> Answer:
 
 
 def stalls(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether a robot alone, without the escape, covers less than with it, and less than ``STALLED``."""
+    """Answer whether one robot, without the escape, covers less than with it, and a smaller share than ``STALLED``."""
     return _stalls(floor, 1, runs)
 
 
 def team_stalls(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer the same for a team."""
+    """Answer whether a team, without the escape, covers less than with it, and a smaller share than ``STALLED``."""
     return _stalls(floor, MANY, runs)
 
 
@@ -96,7 +96,7 @@ def touches_nothing(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) 
 
 
 def subsumes(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether that layer makes robots touch less."""
+    """Answer whether the layer of the sensors' own makes robots touch less."""
     return less(runs, [("", _arm(floor, MANY), _arm(floor, MANY, NO_LAYER))], "blocked_ticks")
 
 

@@ -40,7 +40,7 @@ def faster(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFr
 
 
 def costs_little(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether merging maps by messages makes the exploration less than ``SLIGHT`` longer."""
+    """Answer whether merging maps by messages makes the exploration less than ``SLIGHT`` times as long."""
     return less_censored(runs, [("", _arm(floor, network), _arm(floor, "shared"))], TIME, SLIGHT)
 
 

@@ -40,18 +40,18 @@ def visibility(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> An
 
 
 def maintained(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether they do for most of the time."""
+    """Answer whether robots that keep each other in sight see another for most of the time."""
     arms = [(f"{n} robots:", _arm(floor, n, "visibility")) for n in levels(runs, "robots")]
     return above(runs, arms, "in_sight", MAINTAINED)
 
 
 def covers(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether they cover the floor."""
+    """Answer whether robots that keep each other in sight cover the floor."""
     return above(runs, [("", _arm(floor, MANY, "visibility"))], "coverage", COVERED)
 
 
 def near(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether they stay closer to each other."""
+    """Answer whether robots that keep each other in sight stay closer to each other."""
     return less(runs, [("", _arm(floor, MANY, "visibility"), _arm(floor, MANY))], "nearest_m")
 
 

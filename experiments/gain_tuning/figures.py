@@ -29,7 +29,7 @@ def _less(metric: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer
 
 
 def no_slower(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether they take hardly longer; open where runs that were cut could decide it."""
+    """Answer whether robots with the tuned gains take hardly longer; open where runs that were cut could decide it."""
     return less_censored(_evaluated(observations), [PAIR], TIME, SLIGHT)
 
 

@@ -37,7 +37,7 @@ def stays_constant(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 
 def smallest_team_that_gains(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Return, by N_BC, the smallest team whose full exchange takes fewer slots by broadcast than by either unicast."""
+    """Return by N_BC the smallest team whose full exchange takes fewer slots by broadcast than by either unicast."""
     answers = []
     for n_bc in sorted(runs["n_bc"].unique()) if "n_bc" in runs else ():
         parts = []

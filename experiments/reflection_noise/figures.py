@@ -54,7 +54,7 @@ def better_than_alone(algorithm: str, runs: pd.DataFrame, observations: pd.DataF
 
 
 def useless(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether on the second floor, with an error of ``SOON``, helpers save less than ``ALMOST_USELESS``."""
+    """Answer whether on the second floor, with an error of ``SOON``, helpers save a share below ``ALMOST_USELESS``."""
     found = confidence_limits(
         saving(with_steps(runs), _arm("second", algorithm, SOON), _arm("second", algorithm, ALONE), STEPS)
     )

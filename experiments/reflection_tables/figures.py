@@ -64,7 +64,7 @@ def reduction(floor: str, algorithm: str, runs: pd.DataFrame, observations: pd.D
 
 
 def alike(robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether any two algorithms on the first floor differ by less than ``ALIKE`` (two one-sided tests each)."""
+    """Answer whether any two algorithms on the first floor differ by a factor below ``ALIKE`` (two one-sided tests)."""
     frame = with_steps(runs)
     words, inside = [], []
     for one, other in combinations(ALGORITHMS, 2):
@@ -89,7 +89,7 @@ def closer(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 
 def differ(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether on the second floor, with four robots, the algorithms still differ by more than ``ALIKE``."""
+    """Answer whether on the second floor, with four robots, the algorithms still differ by a factor above ``ALIKE``."""
     width = confidence_limits(
         log_spread(with_steps(runs), [_arm("second", name, SIZES[-1]) for name in ALGORITHMS], STEPS)
     )

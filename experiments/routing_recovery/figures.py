@@ -26,7 +26,7 @@ ROWS: Final = {
 
 
 def learnt(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether in every run the source of the ring learns within ``TC_S`` of a death that OLSR has noticed."""
+    """Answer whether in every run the source of the ring learns within ``TC_S`` s of a death that OLSR has noticed."""
     arm: Arm = {"router": "olsr", "shape": "ring"}
     took = by_replicate(runs, arm, "recovery_s").sub(by_replicate(runs, arm, "noticed_s")).dropna()
     if took.empty:
@@ -35,7 +35,7 @@ def learnt(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 
 def _bounded(router: str, most_s: float, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether payloads came steadily after *most_s* in every run."""
+    """Answer whether payloads came steadily after *most_s* s in every run."""
     if runs.empty or not {"router", "steady_s"} <= set(runs):
         return NO_DATA
     steady = runs.loc[runs["router"] == router, "steady_s"]

@@ -378,6 +378,8 @@ def test_functions_are_not_asked_about_runs_that_are_not_there():
 
 CALM = [row | {"delay_s": 2.4 + 0.05 * (row["seed"] - 2), "late": row["seed"] > 0} for row in RUNS]
 """2.35, 2.4, 2.45 of the three seeds: 2.4 ± 0.1242 (t(0.975, 2) = 4.303)."""
+QUARTER = 0.25
+"""What a docstring of a test names."""
 
 
 @pytest.mark.parametrize(
@@ -404,7 +406,7 @@ CALM = [row | {"delay_s": 2.4 + 0.05 * (row["seed"] - 2), "late": row["seed"] > 
         ({"quantity": "seed", "published": "3"}, "8 of the 12 values are not 3"),
         ({"where": "size == 8"}, "no run has a value of delay_s where size == 8"),
         ({"test": "not comparable: theirs had wheels"}, "theirs had wheels"),
-        ({"test": "decide"}, "decide in figures.py finds that it holds: whether it is so"),
+        ({"test": "decide"}, "decide in figures.py finds that it holds: whether it is so in 1 of 0.25 runs"),
         ({"test": "refuse"}, "refuse in figures.py finds that it does not hold"),
         ({"test": "leave"}, "leave in figures.py leaves it open"),
         ({"test": "seek"}, "seek in figures.py finds no runs that it is about"),
@@ -412,7 +414,7 @@ CALM = [row | {"delay_s": 2.4 + 0.05 * (row["seed"] - 2), "late": row["seed"] > 
 )
 def test_a_verdict_tells_its_reason_in_a_sentence(fields: dict[str, str], reason: str):
     def decide(bound: int, runs: pd.DataFrame, seen: pd.DataFrame) -> tuple[str, bool]:
-        """Answer whether it is so.
+        """Answer whether it is so in *bound* of ``QUARTER`` *runs*.
 
         More about it.
         """
