@@ -10,6 +10,7 @@ What looks like a link to a host is the line of sight: inquiry finds the robots 
 does.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from functools import partial
 from typing import ClassVar, Final, Literal, NamedTuple
@@ -75,7 +76,7 @@ class OpticalChannel(IdealChannel):
         self._rate_bps = settings.rate_bps
         self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._free_at: list[Time] = [0] * size
-        self._waiting: list[list[Handle]] = [[] for _ in range(size)]
+        self._waiting: list[deque[Handle]] = [deque() for _ in range(size)]
         """Payloads of each robot that begin when all before them have been sent."""
         self._in_flight: dict[Time, list[_Flight]] = {}
         """Flights by their time of arrival."""
@@ -161,7 +162,7 @@ class OpticalChannel(IdealChannel):
             self._waiting[source].append(self.kernel.at(begin, turn))
 
     def _begin_next(self, source: Address, outgoing: Outgoing, duration: Time, held: object) -> None:
-        self._waiting[source].pop(0)
+        self._waiting[source].popleft()
         self._begin(source, outgoing, duration, held)
 
     def _begin(self, source: Address, outgoing: Outgoing, duration: Time, held: object) -> None:
