@@ -31,6 +31,10 @@ def _arm(algorithm: str, explorers: int, helpers: int) -> Arm:
     return dict(zip(AXES, (algorithm, explorers, helpers), strict=True))
 
 
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' if number != 1 else ''}"
+
+
 def dedicated(algorithm: str, explorers: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether in a team of four, of whom some only help, a target takes fewer steps than if all explore."""
     return saves(runs, [("", _arm(algorithm, explorers, TEAM - explorers), _arm(algorithm, TEAM, 0))], STEPS)
@@ -54,7 +58,8 @@ def sooner(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> An
             saving(runs, _arm(algorithm, explorers, TEAM - explorers), _arm(algorithm, TEAM, 0), "done_s")
         )
         if found.size:
-            words.append(f"{explorers} explorers and {TEAM - explorers} helpers: {saving_text(found)}")
+            team = f"{_counted(explorers, 'explorer')} and {_counted(TEAM - explorers, 'helper')}"
+            words.append(f"{team}: {saving_text(found)}")
     return "; ".join(words) or "-", None
 
 
@@ -85,7 +90,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             points = estimates(part, ["helpers"], ["steps"])
             means = [value.mean for value in points["steps"]]
             halves = np.nan_to_num([value.half for value in points["steps"]])
-            label = f"{explorers} explorer{'s' if explorers != 1 else ''}"
+            label = _counted(int(str(explorers)), "explorer")
             plot.errorbar(points["helpers"], means, yerr=halves, marker="o", capsize=3, label=label)
         plot.set(title=ALGORITHMS[name], xlabel="helpers", ylabel="motion steps a target")
         plot.set_xticks(sorted(runs["helpers"].unique()))
