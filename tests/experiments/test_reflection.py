@@ -343,6 +343,7 @@ def test_claims_name_tests_that_are_there_and_have_no_data_without_runs(name: st
         ("reflection_noise/sweep", 36, 18),
         ("reflection_noise/alternatives", 72, 6),
         ("reflection_channels/sweep", 60, 10),
+        ("reflection_channels/alternatives", 192, 8),
         ("reflection_roles/sweep", 48, 6),
         ("reflection_roles/alternatives", 96, 4),
         ("reflection_scaling/sweep", 18, 12),
