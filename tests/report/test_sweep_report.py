@@ -406,14 +406,14 @@ QUARTER = 0.25
         ({"quantity": "seed", "published": "3"}, "8 of the 12 values are not 3"),
         ({"where": "size == 8"}, "no run has a value of delay_s where size == 8"),
         ({"test": "not comparable: theirs had wheels"}, "theirs had wheels"),
-        ({"test": "decide"}, "decide in figures.py finds that it holds: whether it is so in 1 of 0.25 runs"),
+        ({"test": "decide"}, "decide in figures.py finds that it holds: whether it is so in all of 0.25 runs"),
         ({"test": "refuse"}, "refuse in figures.py finds that it does not hold"),
         ({"test": "leave"}, "leave in figures.py leaves it open"),
         ({"test": "seek"}, "seek in figures.py finds no runs that it is about"),
     ],
 )
 def test_a_verdict_tells_its_reason_in_a_sentence(fields: dict[str, str], reason: str):
-    def decide(bound: int, runs: pd.DataFrame, seen: pd.DataFrame) -> tuple[str, bool]:
+    def decide(bound: str, runs: pd.DataFrame, seen: pd.DataFrame) -> tuple[str, bool]:
         """Answer whether it is so in *bound* of ``QUARTER`` *runs*.
 
         More about it.
@@ -421,7 +421,7 @@ def test_a_verdict_tells_its_reason_in_a_sentence(fields: dict[str, str], reason
         return "ours", True
 
     figures: Any = SimpleNamespace(
-        decide=partial(decide, 1),
+        decide=partial(decide, "all"),
         refuse=lambda runs, seen: ("ours", False),
         leave=lambda runs, seen: ("ours", None),
         seek=lambda runs, seen: ("-", None),
