@@ -57,11 +57,12 @@ _COLUMNS = ("id", "paper", "section", "claim", "quantity", "where", "unit", "pub
 INTERVAL: Final = "in the interval"
 """The test that a true claim fails by chance once in twenty."""
 LIMITS: Final = (
-    "Limits of a comparison, such as 1.4 (1.3 to 1.6), are one-sided at 95 %, as its test uses them: both hold "
-    "together in nine sweeps of ten. Those of a share beside a printed number, and what follows ±, are a 95 % interval."
+    "Limits of a comparison, such as 1.4 (1.3 to 1.6) or 12 % (at least 9 %), are one-sided at 95 %, as its test uses "
+    "them: a lower and an upper one hold together in nine sweeps of ten. Those of a share beside a printed number, and "
+    "what follows ±, are a 95 % interval."
 )
 """What the numbers beside a mean are, for whoever reads a claim's answer."""
-_IN_BRACKETS = re.compile(r"[0-9] to [-+.0-9e]+( %)?\)")
+_IN_BRACKETS = re.compile(r"[0-9] to [-+.0-9e]+( %)?\)|\((costs )?at (least|most) ")
 _WITHIN = re.compile(r"within ([0-9]+(?:\.[0-9]+)?) ?%")
 _OTHER = re.compile(r"not comparable: *(\S.*)")
 _NO_TEST = (

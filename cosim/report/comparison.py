@@ -316,8 +316,11 @@ def against(both: pd.DataFrame, unit: str = "") -> str:
 def saving_text(share: Limits) -> str:
     """Return a share that was saved, in words, with the limit that a claim of saving anything is judged by."""
     word = "saves" if share.mean >= 0 else "costs"
-    limit = "" if math.isnan(share.lower) else f" (saves at least {_percent(share.lower)})"
-    return f"{word} {_percent(abs(share.mean))}{limit}"
+    text = f"{word} {_percent(abs(share.mean))}"
+    if math.isnan(share.lower):
+        return text
+    bound = "at least" if share.lower >= 0 else "at most" if share.mean < 0 else "costs at most"
+    return f"{text} ({bound} {_percent(abs(share.lower))})"
 
 
 def _percent(share: float) -> str:

@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from cosim.report.comparison import (
+    Limits,
     bootstrap_limits,
     confidence_limits,
     equivalent,
@@ -18,6 +19,7 @@ from cosim.report.comparison import (
     ratio_of_means,
     saves,
     saving,
+    saving_text,
     share_limits,
 )
 
@@ -48,6 +50,20 @@ def test_savings_are_taken_within_a_replicate() -> None:
     runs = pd.DataFrame({"team": ["a", "a", "b", "b", "b"], "replicate": [0, 1, 1, 0, 2], "steps": [1, 30, 40, 2, 9]})
     found = saving(runs, {"team": "a"}, {"team": "b"}, "steps")
     assert dict(found) == {0: 0.5, 1: 0.25}  # the third replicate is in one arm only
+
+
+@pytest.mark.parametrize(
+    ("mean", "lower", "words"),
+    [
+        (0.651, 0.6, "saves 65.1 % (at least 60 %)"),
+        (0.0, 0.0, "saves 0 % (at least 0 %)"),
+        (0.025, -0.175, "saves 2.5 % (costs at most 17.5 %)"),
+        (-0.318, -0.462, "costs 31.8 % (at most 46.2 %)"),
+        (-0.318, math.nan, "costs 31.8 %"),  # of a single run
+    ],
+)
+def test_a_saving_is_told_without_a_sign(mean: float, lower: float, words: str) -> None:
+    assert saving_text(Limits(mean, lower, math.nan, 5)) == words
 
 
 def test_a_claim_of_several_pairs_holds_if_each_of_them_does() -> None:
