@@ -140,7 +140,12 @@ def _panel(plot: Any, rows: pd.DataFrame, metric: str, places: dict[str, int]) -
             means = [value.mean for value in points[metric]]
             halves = np.nan_to_num([value.half for value in points[metric]])
             plot.errorbar(at, means, yerr=halves, fmt="o", capsize=3, color=f"C{rank}", label=NAMES[algorithm])
-    limit_ordinate(plot, list(rows.groupby(["algorithm", "link"])[metric].mean()))
+    if metric == "steps":
+        plot.set_yscale("log")  # the potential field, where it is stuck, takes a hundred times as long as the others
+    elif metric == "stale_percent":
+        plot.set_ylim(0, 105)  # a share of 100 % is no edge
+    else:
+        limit_ordinate(plot, list(rows.groupby(["algorithm", "link"])[metric].mean()))
     plot.grid(alpha=0.3)
 
 
