@@ -62,7 +62,7 @@ LIMITS: Final = (
     "what follows ±, are a 95 % interval."
 )
 """What the numbers beside a mean are, for whoever reads a claim's answer."""
-_IN_BRACKETS = re.compile(r"[0-9] to [-+.0-9e]+( %)?\)|\((costs )?at (least|most) ")
+_IN_BRACKETS = re.compile(r"[0-9] to [-+.0-9e]+( %)?\)|\([^()]*\bat (least|most)\b")
 _WITHIN = re.compile(r"within ([0-9]+(?:\.[0-9]+)?) ?%")
 _OTHER = re.compile(r"not comparable: *(\S.*)")
 _NO_TEST = (

@@ -476,6 +476,7 @@ def test_a_metric_of_ones_and_zeros_is_a_share_in_every_arm():
         ("corridor 1.2e-05 (-1.5e-06 to 2.5e-05); office -", True),
         ("saves 65.1 % (at least 60 %)", True),
         ("saves 2.5 % (costs at most 17.5 %)", True),
+        ("ring 2.44 against 8.36 (shorter by 5.3 at least)", True),
         ("1.857 ± 1.5", False),
         ("at least 60 %", False),
         ("0.5 to 0.7", False),
