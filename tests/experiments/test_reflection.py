@@ -337,7 +337,8 @@ def test_claims_name_tests_that_are_there_and_have_no_data_without_runs(name: st
     ("name", "arms", "quick"),
     [
         ("reflection_tables/sweep", 24, 18),
-        ("reflection_tables/alternatives", 444, 24),
+        ("reflection_tables/alternatives", 384, 24),
+        ("reflection_tables/radius", 168, 12),
         ("reflection_tables/floors", 36, 27),
         ("reflection_tables/joint", 96, 36),
         ("reflection_noise/sweep", 36, 18),
