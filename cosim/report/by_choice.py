@@ -9,7 +9,8 @@ that the sweep does not have are left out. With ``--keep`` the verdicts of a who
 the published.csv, from where ``cosim.report.claims_page`` takes them.
 
 Where the runs of a choice alone do not do, a function ``of_choice`` in figures.py says which runs a claim is judged by:
-(runs, choice, the claim's id) -> runs.
+(runs, choice, the claim's id) -> runs. It may lend a choice runs of another; a verdict that these give alone is that of
+the other, and is not kept for the choice, too.
 """
 
 import argparse
@@ -46,6 +47,19 @@ def judged(runs: pd.DataFrame, experiment: Path | None) -> dict[str, list[Verdic
     }
     answered = {each.id for row in found.values() for each in row if each.verdict != "no data"}
     return {choice: [each for each in row if each.id in answered] for choice, row in found.items()}
+
+
+def own(found: dict[str, list[Verdict]], runs: pd.DataFrame, experiment: Path | None) -> dict[str, list[Verdict]]:
+    """Return those of the verdicts *found* by :func:`judged` to which *runs* of their own choice have added."""
+    figures, claims = load_figures(experiment), {each.id: each for each in published_claims(experiment)}
+    chosen = getattr(figures, "of_choice", _alone)
+
+    def lent(choice: str, verdict: Verdict) -> bool:
+        given = chosen(runs, choice, verdict.id)
+        others = given[given["choice"].astype(str) != choice]
+        return not others.empty and judge(claims[verdict.id], others, pd.DataFrame(), figures) == verdict
+
+    return {choice: [each for each in row if not lent(choice, each)] for choice, row in found.items()}
 
 
 def _alone(runs: pd.DataFrame, choice: str, claim: str) -> pd.DataFrame:
@@ -92,8 +106,9 @@ def main(words: Sequence[str] | None = None) -> None:
         sweep, runs, source = _read(folder)
         if given.keep:
             check_whole(folder, sweep, len(runs))
-        found = judged(runs[runs["status"] == "done"], source)
-        written = [_kept(sweep, found, source)] if given.keep and source else []
+        done = runs[runs["status"] == "done"]
+        found = judged(done, source)
+        written = [_kept(sweep, own(found, done, source), source)] if given.keep and source else []
     except UserError as error:
         parser.exit(2, f"{error}\n")
     table = _words(found)

@@ -118,6 +118,24 @@ def test_verdicts_of_a_whole_sheet_are_kept_beside_those_of_others(folder: Path)
     ]
 
 
+def test_a_verdict_that_another_choice_lends_is_kept_once(folder: Path) -> None:
+    made = whole(folder, 3)
+    lending = "def of_choice(runs, choice, claim):\n    return runs[runs['choice'] == 'near']\n"
+    (folder / "figures.py").write_text(lending, encoding="utf-8")
+    main([str(made), "--keep"])
+    assert pd.read_csv(made / "claims_by_choice.csv", index_col=0).to_dict("index") == {
+        "short": {"near": "holds", "far": "holds"}
+    }
+    assert [each.variation for each in kept_variations(folder)] == ["near"]
+
+
+def test_a_verdict_that_own_runs_change_is_kept_though_others_are_lent(folder: Path) -> None:
+    made = whole(folder, 3)
+    (folder / "figures.py").write_text("def of_choice(runs, choice, claim):\n    return runs\n", encoding="utf-8")
+    main([str(made), "--keep"])
+    assert [each.variation for each in kept_variations(folder)] == ["near", "far"]
+
+
 @pytest.mark.parametrize("replicates", [2, 4])  # fewer than the sheet asks for, and more than there are
 def test_verdicts_of_a_part_of_a_sheet_are_not_kept(folder: Path, replicates: int, capsys: Any) -> None:
     made = whole(folder, replicates)
